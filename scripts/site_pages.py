@@ -23,8 +23,13 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 TUTORIALS = ROOT / "docs" / "tutorials"
 LONGEST_OUTPUT = 6000
-CALLED = {"phantom_check": "phantom-check.json", "room": "room.toml"}
-"""What the files are called that are not called NAME.json."""
+CALLED = {
+    "phantom_check": "phantom-check.json",
+    "room": "room.toml",
+    "hand_eye": "hand-eye.json",
+    "robot_points": "robot export --to json",
+}
+"""What the files are called, or made by, that are not called NAME.json."""
 OUTPUT = "``` { .text .no-copy }"
 """Opens what a cell printed; a button to copy it would cover it."""
 EQUATION = re.compile(r"^```math\n(?P<block>.*?)^```$|\$`(?P<inline>[^`]+)`\$", re.MULTILINE | re.DOTALL)
@@ -110,8 +115,8 @@ def schemas_page() -> str:
         "`ronnaplan schema NAME` prints the JSON Schema (draft 2020-12) of a file: what each field may be. The "
         "package holds it, too: `ronnaplan/documents/schema/NAME.schema.json`. What joins fields "
         "(a covariance is positive definite, a residual fits its transform) is checked when the file is read. "
-        "Lengths are mm, coordinates DICOM LPS. What the robot's calibrations and chain hold, which have no schema, "
-        "stands in [robot](../robot.md#what-each-document-holds).\n"
+        "Lengths are mm, coordinates DICOM LPS; of the robot's files those of the frames that they name "
+        "([robot](../robot.md#what-each-document-holds)).\n"
     )
     for name, model in DOCUMENTS.items():
         described = schema(name)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
+from ronnaplan.documents.chain import ChainDocument
 from ronnaplan.documents.fiducials import FiducialsDocument
 from ronnaplan.documents.fields import DocumentModel
 from ronnaplan.documents.limits import LimitsDocument
@@ -12,8 +13,11 @@ from ronnaplan.documents.phantom_check import PhantomCheckDocument
 from ronnaplan.documents.placement import PlacementDocument
 from ronnaplan.documents.plan import PlanDocument
 from ronnaplan.documents.registration import RegistrationDocument
+from ronnaplan.documents.rig import RigDocument, SpheresDocument
+from ronnaplan.documents.robot_points import RobotPointsDocument
 from ronnaplan.documents.room import RoomDocument
 from ronnaplan.documents.template import TemplateDocument
+from ronnaplan.documents.tool import HandEyeDocument, PivotDocument
 from ronnaplan.errors import UsageError
 
 DOCUMENTS: Final[Mapping[str, type[DocumentModel]]] = {
@@ -25,6 +29,12 @@ DOCUMENTS: Final[Mapping[str, type[DocumentModel]]] = {
     "phantom_check": PhantomCheckDocument,
     "placement": PlacementDocument,
     "room": RoomDocument,
+    "pivot": PivotDocument,
+    "hand_eye": HandEyeDocument,
+    "rig": RigDocument,
+    "spheres": SpheresDocument,
+    "chain": ChainDocument,
+    "robot_points": RobotPointsDocument,
 }
 
 
