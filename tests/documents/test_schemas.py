@@ -14,6 +14,7 @@ from ronnaplan.cli import main
 from ronnaplan.cli.schema import HELP
 from ronnaplan.documents.schemas import DOCUMENTS, schema
 from ronnaplan.errors import UsageError
+from tests.documents.test_strictness import documents
 
 
 def fits(value: Any, kind: dict[str, Any], defs: dict[str, Any]) -> bool:
@@ -25,9 +26,10 @@ def fits(value: Any, kind: dict[str, Any], defs: dict[str, Any]) -> bool:
     if "const" in kind:
         return bool(value == kind["const"])
     if kind.get("type") == "object":
-        properties = kind.get("properties", {})
-        needed = set(kind.get("required", ())) <= set(value) if isinstance(value, dict) else False
-        return needed and all(fits(value[name], properties.get(name, {}), defs) for name in value)
+        properties, names = kind.get("properties", {}), set(value) if isinstance(value, dict) else set()
+        is_whole = isinstance(value, dict) and set(kind.get("required", ())) <= names
+        is_closed = names <= set(properties) or kind.get("additionalProperties", True) is not False
+        return is_whole and is_closed and all(fits(value[name], properties.get(name, {}), defs) for name in names)
     if kind.get("type") == "array":
         items = [*kind.get("prefixItems", ()), *[kind.get("items", {})] * 10_000]
         return isinstance(value, list) and all(
@@ -37,7 +39,16 @@ def fits(value: Any, kind: dict[str, Any], defs: dict[str, Any]) -> bool:
     return isinstance(value, types.get(kind.get("type", ""), object))  # type: ignore[arg-type]
 
 
-def test_a_written_file_fits_its_schema(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("name", sorted(documents()))
+def test_a_written_file_fits_its_schema(name: str) -> None:
+    described, (written, _) = schema(name.split()[-1].replace("-", "_")), documents()[name]
+    defs = described.get("$defs", {})
+    assert fits(written, described, defs)
+    for field in described["required"]:
+        assert not fits({**written, field: {"nothing": "of the kind"}}, described, defs), field
+
+
+def test_every_schema_is_printed_and_closed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["schema", "template"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed == schema("template")
