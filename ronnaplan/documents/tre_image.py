@@ -7,7 +7,8 @@ import tempfile
 from pathlib import Path
 
 from ronnaplan.ct import CTVolume, read_ct
-from ronnaplan.ct.catalogue import SeveralSeriesError, find_series
+from ronnaplan.ct.catalogue import find_series
+from ronnaplan.ct.images import is_image_file
 from ronnaplan.ct.reader import read_series
 from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.registration import RegistrationDocument
@@ -38,14 +39,13 @@ def tre_image(document: RegistrationDocument, ct: str | os.PathLike[str] | None,
 
 def _scan(path: str | os.PathLike[str], source: Source) -> CTVolume:
     """Return the scan at a path; of several series, or stacks of one, the one whose markers were registered."""
-    try:
+    if is_image_file(Path(path)):
         return read_ct(path, progress=True)
-    except SeveralSeriesError:
-        stacks = [
-            one
-            for one in find_series(os.fspath(path)).usable
-            if one.first.series_uid == source.series_instance_uid
-        ]
-        volumes = (read_series(one, progress=True) for one in stacks if len(stacks) > 1)
-        same = (one for one in volumes if one.voxel_sha256 == source.voxel_sha256)
-        return next(same, None) or read_ct(path, source.series_instance_uid, progress=True)
+    found = find_series(os.fspath(path), progress=True)
+    if len(found.usable) < 2:
+        return read_series(found.choose(), progress=True)
+    uid = source.series_instance_uid
+    stacks = [one for one in found.usable if one.first.series_uid == uid]
+    volumes = (read_series(one, progress=True) for one in stacks if len(stacks) > 1)
+    same = (one for one in volumes if one.voxel_sha256 == source.voxel_sha256)
+    return next(same, None) or read_series(found.choose(uid), progress=True)

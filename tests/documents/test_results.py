@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from pydicom.dataset import Dataset
 from ronnaplan import read_ct, read_registration, register_markers, write_as, write_fiducials, write_registration
 from ronnaplan.cli import main
 from ronnaplan.ct import CTVolume, SeriesSource
+from ronnaplan.ct.catalogue import Catalogue, find_series
 from ronnaplan.documents.fiducials import read_fiducials
 from ronnaplan.errors import FrameMismatchError, RonnaplanError, UsageError
 from ronnaplan.localization import Fiducial, Fiducials
@@ -81,7 +83,9 @@ def test_a_map_of_the_error_has_the_scans_voxels_from_python_and_from_the_comman
         written.tre_map(CTVolume.from_array(np.ones((3, 4, 5), np.int16), GRID))
 
 
-def test_a_map_lies_on_that_stack_of_a_series_whose_markers_were_registered(tmp_path: Path) -> None:
+def test_a_map_lies_on_that_stack_of_a_series_whose_markers_were_registered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def second(made: Dataset, k: int) -> None:
         made.AcquisitionNumber, made.ImagePositionPatient = 2, [-10, -20, 31 + 2 * k]
         made.PixelData = (makers.pattern(k) + 7).tobytes()
@@ -92,7 +96,16 @@ def test_a_map_lies_on_that_stack_of_a_series_whose_markers_were_registered(tmp_
     markers = replace(found(makers.FRAME), source=volume.source, voxel_sha256=volume.voxel_sha256)
     registered = register_markers(markers.points, scene.readings(), sigma_ct_mm=0.1)
     document = write_registration(tmp_path / "registration.json", registered, markers)
+    listed: list[object] = []
+
+    def find(path: str | Path, *given: Any, **how: Any) -> Catalogue:
+        listed.append(path)
+        return find_series(path, *given, **how)
+
+    for module in ("ronnaplan.documents.tre_image", "ronnaplan.ct.reader"):
+        monkeypatch.setattr(f"{module}.find_series", find)
     write_as(tmp_path / "map.nrrd", document, "tre-map", tmp_path / "ct")
+    assert len(listed) == 1  # headers of whole folders take long
     assert sitk.ReadImage(str(tmp_path / "map.nrrd")).GetOrigin() == (-10.0, -20.0, 31.0)
 
 

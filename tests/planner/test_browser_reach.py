@@ -17,6 +17,12 @@ def test_nothing_that_comes_late_takes_the_place_of_the_page(browser: Any, share
     assert page.title() == "ronnaplan"
 
 
+def test_the_page_asks_no_launcher_where_its_socket_is(browser: Any, shared: Planner) -> None:
+    page = opened(browser, shared.url)
+    assert not [url for url in page.requested if "paraview" in url or "sessionURL" in url]
+    assert page.url == shared.url
+
+
 def test_a_page_whose_connection_fails_or_is_cut_goes_on_by_itself(browser: Any, shared: Planner) -> None:
     page, lines = browser.new_page(), []
 

@@ -10,6 +10,12 @@
   const KEPT_OUT = "The planner answers, but took no connection from this page: it may be open in too many. Trying again ...";
   let missed = 0, lostAt = null;
 
+  // trame's client would first ask a launcher where its socket is; there is none, and it believes the address.
+  const address = new URL(location), socket = new URL("ws", document.baseURI);
+  socket.protocol = socket.protocol.replace("http", "ws");
+  address.searchParams.set("sessionURL", socket);
+  history.replaceState(null, "", address);
+
   // The page shows what comes through one socket: one that never opened, or was closed, is as good as no page.
   const Socket = window.WebSocket;
   window.WebSocket = class extends Socket {
