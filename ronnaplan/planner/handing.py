@@ -96,6 +96,7 @@ class Handing:
                 content += piece
                 if len(content) > MOST_READINGS_BYTES:
                     raise UsageError(f"{name} is larger than {MOST_READINGS_BYTES >> 20} MiB")
+            _require_readings(name, content)
             write_atomically(self._storage.plan.with_name(name), bytes(content))
         except RonnaplanError as error:
             return web.json_response({"error": str(error)}, status=422)
@@ -114,6 +115,16 @@ class Handing:
         if self._storage.plan.with_name(name).exists() or not self._storage.may_be_readings(name):
             raise UsageError(f"{printable(name)} is in the case already; give the new file another name")
         return name
+
+
+def _require_readings(name: str, content: bytes | bytearray) -> None:
+    from ronnaplan.tracking import BEGINNING_BYTES, may_hold_readings
+
+    if not may_hold_readings(name, bytes(content[:BEGINNING_BYTES])):
+        raise UsageError(
+            f"{printable(name)} holds no readings; drop a table whose first row names x, y and z, Slicer markups, or a "
+            "tracker sequence"
+        )
 
 
 async def _run(*arguments: str) -> None:

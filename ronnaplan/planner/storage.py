@@ -6,6 +6,7 @@ Only these files and dropped readings are ever written, and only readings that l
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated
 
@@ -138,9 +139,9 @@ class Storage:
         write_atomically(self.look, to_json(look))
 
     def readings(self) -> list[str]:
-        """Return the names of the files in the case's folder that may be readings."""
-        names = (path.name for path in self.plan.parent.iterdir() if path.is_file() and not path.is_symlink())
-        return sorted(name for name in names if self.may_be_readings(name))
+        """Return the names of the files in the case's folder that begin as readings do."""
+        files = (path for path in self.plan.parent.iterdir() if path.is_file() and not path.is_symlink())
+        return sorted(file.name for file in files if self.may_be_readings(file.name) and _begins_as_readings(file))
 
     def may_be_readings(self, name: str) -> bool:
         """Whether a file of that name may hold readings, and is none of the case's documents."""
@@ -155,3 +156,20 @@ class Storage:
         if name not in self.readings():
             raise UsageError(f"'{name}' is no readings file of this case; put it beside {self.plan.name}")
         return self.plan.parent / name
+
+
+def _begins_as_readings(file: Path) -> bool:
+    """Whether a file seems to hold readings by what it begins with; it is looked at again once it has changed."""
+    try:
+        status = file.stat()
+        return _seems_readings(file, status.st_mtime_ns, status.st_size)
+    except OSError:
+        return True  # who chooses it is told why it cannot be read
+
+
+@lru_cache(maxsize=4096)
+def _seems_readings(file: Path, changed_ns: int, size: int) -> bool:
+    from ronnaplan.tracking import BEGINNING_BYTES, may_hold_readings
+
+    with file.open("rb") as stream:
+        return may_hold_readings(file.name, stream.read(BEGINNING_BYTES))

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from ronnaplan.errors import check_type
 from ronnaplan.tracking.csv_file import read_csv
 from ronnaplan.tracking.matrix_csv import has_matrices, read_matrices
 from ronnaplan.tracking.ndi_csv import is_ndi, read_ndi
 from ronnaplan.tracking.recording import Recording
-from ronnaplan.tracking.sequences import read_sequence
-from ronnaplan.tracking.slicer import has_control_points, read_control_points, read_fcsv, read_markups
-from ronnaplan.tracking.tables import read_rows
+from ronnaplan.tracking.sequences import read_sequence, seems_sequence
+from ronnaplan.tracking.slicer import (
+    has_control_points,
+    read_control_points,
+    read_fcsv,
+    read_markups,
+    seems_markups,
+)
+from ronnaplan.tracking.tables import read_rows, seems_table
 
 
 def read_recording(path: str | Path) -> Recording:
@@ -24,7 +30,16 @@ def read_recording(path: str | Path) -> Recording:
     """
     check_type(path, (str, Path), "the path of the readings", "give the path of a file")
     file = Path(path)
-    return READERS.get(file.suffix.lower(), _read_table)(file)
+    return READERS.get(file.suffix.lower(), TABLE).read(file)
+
+
+def may_hold_readings(name: str, beginning: bytes) -> bool:
+    """Whether a file called ``name`` whose first `BEGINNING_BYTES` are ``beginning`` is worth reading.
+
+    One is where `read_recording` would say what is wrong with its readings; other documents, images and texts are not.
+    """
+    kind = READERS.get(Path(name).suffix.lower())
+    return kind is not None and kind.seems(beginning)
 
 
 def _read_table(file: Path) -> Recording:
@@ -36,10 +51,22 @@ def _read_table(file: Path) -> Recording:
     return read_ndi(file) if is_ndi(header) else read_csv(file)
 
 
-READERS: Final[Mapping[str, Callable[[Path], Recording]]] = {
-    **dict.fromkeys((".csv", ".tsv", ".txt"), _read_table),
-    **dict.fromkeys((".mha", ".mhd", ".nrrd", ".nhdr"), read_sequence),
-    ".json": read_markups,
-    ".fcsv": read_fcsv,
+class Reader(NamedTuple):
+    """How files of a kind are read, and whether one that begins so seems to be of it."""
+
+    read: Callable[[Path], Recording]
+    seems: Callable[[bytes], bool]
+
+
+BEGINNING_BYTES: Final = 2**16
+"""More than the longest header of a table."""
+
+TABLE: Final = Reader(_read_table, seems_table)
+
+READERS: Final[Mapping[str, Reader]] = {
+    **dict.fromkeys((".csv", ".tsv", ".txt"), TABLE),
+    **dict.fromkeys((".mha", ".mhd", ".nrrd", ".nhdr"), Reader(read_sequence, seems_sequence)),
+    ".json": Reader(read_markups, seems_markups),
+    ".fcsv": Reader(read_fcsv, bool),
 }
 """How a readings file's name may end, and what reads it."""

@@ -58,6 +58,11 @@ def read_sequence(path: Path) -> Recording:
     return Recording(str(path), tools=tuple(tool for tool, _ in read), notes=roundings.notes)
 
 
+def seems_sequence(beginning: bytes) -> bool:
+    """Whether an image file begins with fields of frames: of other images, which hold no readings, none does."""
+    return PREFIX.encode() in beginning
+
+
 def _header(path: Path) -> Iterator[str]:
     """Yield the lines of the header that are a frame's."""
     require_file(path, expected="a MetaImage or NRRD tracker sequence")

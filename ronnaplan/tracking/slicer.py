@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -85,6 +86,11 @@ def read_markups_file(path: Path) -> tuple[Markup, ...]:
         raise InputError(
             f"{path} is not a Slicer markups file ({error}); expected markups with controlPoints, in mm, LPS or RAS"
         ) from error
+
+
+def seems_markups(beginning: bytes) -> bool:
+    """Whether a JSON text begins as a ``.mrk.json`` does: with the list of its markups."""
+    return re.search(rb'"markups"\s*:\s*\[', beginning) is not None
 
 
 def read_markups(path: Path) -> Recording:

@@ -34,6 +34,11 @@ NO_NUMBER = "no frame number"
 UNIT_WORDS = frozenset({"unit", "units"})
 STATUS_COLUMNS = ("status", "state")
 TRUTH_COLUMNS = ("valid", "visible", "seen", "usable")
+AXES = (
+    *(frozenset(names) for names in (("x", "y", "z"), ("tx", "ty", "tz"), ("l", "p", "s"), ("r", "a", "s"))),
+    *(frozenset(names) for names in (("m03", "m13", "m23"), ("m14", "m24", "m34"))),
+)
+"""What columns of places are called, by the first word of their name."""
 FALSE = frozenset({"0", "false", "no", "n", "f"})
 FORMULA = ("=", "+", "-", "@", "\t", "\r", "'")
 """A spreadsheet takes a text that begins so for a formula, or swallows its first character."""
@@ -56,6 +61,18 @@ def read_text(path: Path) -> str:
     if "\0" in text:
         raise InputError(f"{path} is not a text file, it holds null characters; expected tracker readings")
     return text if "\n" in text else text.replace("\r", "\n")  # as spreadsheets save "CSV (Macintosh)"
+
+
+def seems_table(beginning: bytes) -> bool:
+    """Whether a text's first row names two axes, or holds the numbers of a place: a header may be wrong or missing."""
+    marks = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+    text = beginning.decode("utf-16" if beginning.startswith(marks) else "utf-8-sig", errors="replace")
+    told = SEPARATOR_LINE.match(text)
+    row = re.match(r"\s*([^\r\n]*)", text[told.end() if told else 0 :])
+    cells = re.split("[,;\t]", row[1] if row else "")
+    names = {column_name(cell.strip(' "')).split("_")[0] for cell in cells}
+    numbers = sum(number(cell.strip(' "')) is not None for cell in cells)
+    return numbers >= 3 or any(len(axes & names) >= 2 for axes in AXES)
 
 
 def read_rows(path: Path) -> tuple[list[str], list[list[str]], str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -59,15 +60,41 @@ def test_readings_are_registered_and_the_error_at_the_target_follows_the_plan(
     assert state.registering.expected_errors_mm()["left entry"] == before["left entry"]
 
 
-def test_the_page_offers_what_register_reads_and_none_of_the_cases_own_documents(
-    state: PlannerState, tmp_path: Path
-) -> None:
+def test_the_page_offers_files_that_begin_as_readings_and_no_others(state: PlannerState, tmp_path: Path) -> None:
     state.case.keep_registration(cases.registration())
-    names = [f"readings{suffix}" for suffix in READERS]
-    for name in (*names, "limits.json", "pivot.json", "readings.pdf"):
-        (tmp_path / name).write_text("x")
-    assert {"readings.csv", "readings.fcsv", "readings.nrrd", "readings.json", "readings.txt"} <= set(names)
-    assert state.storage.readings() == sorted(names)
+    sequence, points = "ObjectType = Image\nSeq_Frame0000_Timestamp = 0\n", '{"markups": []}'
+    wanted = {
+        **{f"table{suffix}": "name;x_in;y_in;z_in\n" for suffix in (".csv", ".tsv", ".txt")},  # why not, is told
+        **{f"sequence{suffix}": sequence for suffix in (".mha", ".mhd", ".nrrd", ".nhdr")},
+        **{"a.mrk.json": points, "points.FCSV": "# columns = id,x,y,z\n", "no header.csv": "1,2,3\n4,5,6\n"},
+    }
+    others = {
+        **{"truth.json": '{"markers": [], "told": "\\"markups\\": ["}', "cut.mha": "ObjectType = Image\n"},
+        **{"limits.json": points, "pivot.json": points, "readings.pdf": "x,y,z", "notes.txt": "of today\n1,2,3"},
+        **{"paths.csv": "name,entry_x,entry_y,entry_z\nleft,1,2,3\n", "empty.csv": ""},
+    }
+    for name, text in {**wanted, **others}.items():
+        (tmp_path / name).write_text(text)
+    assert {Path(name).suffix.lower() for name in wanted} == set(READERS)
+    assert state.storage.readings() == sorted(wanted)
+    (tmp_path / "empty.csv").write_text("x,y,z\n1,2,3\n")
+    assert state.storage.readings() == sorted([*wanted, "empty.csv"])
+    with pytest.raises(UsageError, match=r"'truth\.json' is no readings file of this case"):
+        state.registering.load_readings("truth.json")
+
+
+def test_many_large_files_are_listed_at_once_and_once_read_no_more(
+    state: PlannerState, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each page asks for the list whenever it is drawn."""
+    for number in range(20):
+        with (tmp_path / f"{number}.json").open("wb") as file:
+            file.truncate(2**30)
+    began = time.perf_counter()
+    assert state.storage.readings() == []
+    assert time.perf_counter() - began < 1.0
+    monkeypatch.setattr(Path, "open", None)
+    assert state.storage.readings() == []
 
 
 def test_a_registration_of_markers_since_rejected_predicts_nothing(state: PlannerState, tmp_path: Path) -> None:

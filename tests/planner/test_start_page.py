@@ -133,6 +133,9 @@ def put_in_readings(page: Any, case: Path, scans: Path) -> None:
     assert (case / "readings.csv").read_text() == (scans / "readings.csv").read_text()
     page.set_input_files("#readings-file", scans / "plan.json")
     page.wait_for_selector("#message >> text=is in the case already")
+    page.set_input_files("#readings-file", cases.CT / "truth.json")
+    page.wait_for_selector("#message >> text=truth.json holds no readings; drop a table")
+    assert not (case / "truth.json").exists()
 
 
 def leave_and_come_back(page: Any) -> None:
