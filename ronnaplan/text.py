@@ -91,6 +91,15 @@ def table(rows: Sequence[Sequence[str]]) -> list[str]:
     ]
 
 
+def as_read(name: str) -> str:
+    """Return a name as it reads in a list, where neither blanks nor how accents are coded can be told.
+
+    >>> as_read(" left  HC ") == as_read("left HC") != as_read("leftHC")
+    True
+    """
+    return " ".join(unicodedata.normalize("NFC", name).split())
+
+
 def filled(text: str, width: int) -> str:
     """Return ``text`` with so many blanks behind it that it takes ``width`` columns of a terminal, or more."""
     return text + " " * (width - columns(text))

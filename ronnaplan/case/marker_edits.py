@@ -13,6 +13,7 @@ from ronnaplan.documents.fiducials import (
 )
 from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.errors import RefusedError, UsageError
+from ronnaplan.text import as_read
 
 BY_HAND = "rejected by hand"
 """The reason of a marker that a person turned down; it is kept whole, so that it can be taken back."""
@@ -51,8 +52,9 @@ def accept(document: FiducialsDocument, index: int) -> FiducialsDocument:
             f"this candidate was rejected because {entry.reason}: it has no covariance and cannot be used; "
             "localize again with another diameter"
         )
-    if marker.label in {one.label for one in document.fiducials}:
-        raise UsageError(f"there is another marker {marker.label}; rename it first")
+    for one in document.fiducials:
+        if as_read(one.label) == as_read(marker.label):
+            raise UsageError(f"there is another marker {one.label}; rename it first")
     rest = document.rejected[:index] + document.rejected[index + 1 :]
     return document.model_copy(update={"fiducials": (*document.fiducials, marker), "rejected": rest})
 
@@ -61,7 +63,7 @@ def rename(document: FiducialsDocument, label: str, new: str) -> FiducialsDocume
     """Give a marker another label, which must be new and not empty."""
     new = new.strip()
     marker = named(document, label)
-    if not new or new in {one.label for one in document.fiducials if one is not marker}:
+    if not new or as_read(new) in {as_read(one.label) for one in document.fiducials if one is not marker}:
         raise UsageError(f"'{new}' cannot be the marker's name; choose one that is not empty and not in use")
     renamed = tuple(one.model_copy(update={"label": new}) if one is marker else one for one in document.fiducials)
     return document.model_copy(update={"fiducials": renamed})

@@ -26,6 +26,7 @@ from ronnaplan.documents.fields import (
     Software,
     Vector,
     flag_sentence,
+    require_different_names,
 )
 from ronnaplan.documents.reading import made, read_document
 from ronnaplan.errors import check_type
@@ -142,9 +143,7 @@ class FiducialsDocument(DocumentModel):
 
     @model_validator(mode="after")
     def _check(self) -> FiducialsDocument:
-        labels = [entry.label for entry in self.fiducials]
-        if len(set(labels)) != len(labels):
-            raise ValueError("two fiducials have the same label")
+        require_different_names("fiducials", [entry.label for entry in self.fiducials])
         _check_apart(self.fiducials)
         return self
 

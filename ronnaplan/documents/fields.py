@@ -25,6 +25,7 @@ from pydantic import (
 
 from ronnaplan import __version__
 from ronnaplan.bounds import FARTHEST_POINT_MM, LARGEST_HU, LARGEST_SIGMA_MM, SMALLEST_SIGMA_MM
+from ronnaplan.text import as_read
 
 SYMMETRY_TOLERANCE = 1e-9
 """Largest difference of a correlation from its mirror image: round-off of a written matrix."""
@@ -51,8 +52,13 @@ def flag_sentence(flags: type[StrEnum], name: str) -> str:
 
 
 def require_different_names(what: str, names: Sequence[str]) -> None:
-    """Raise ValueError where two ``what`` have one name."""
-    if len(set(names)) != len(names):
+    """Raise ValueError where two ``what`` have one name, or names that read as one."""
+    seen: dict[str, str] = {}
+    for name in names:
+        other = seen.setdefault(as_read(name), name)
+        if other != name:
+            raise ValueError(f"the names '{other}' and '{name}' of two {what} read as one")
+    if len(seen) != len(names):
         raise ValueError(f"two {what} have the same name")
 
 

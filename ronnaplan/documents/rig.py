@@ -20,6 +20,7 @@ from ronnaplan.documents.fields import (
     Revision,
     Software,
     Vector,
+    require_different_names,
 )
 from ronnaplan.documents.poses import SAME_POSE_MM, PoseEntry, pose_entry
 from ronnaplan.documents.reading import made, read_document
@@ -116,8 +117,7 @@ class SpheresDocument(DocumentModel):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if len({one.label for one in self.spheres}) < len(self.spheres):
-            raise ValueError("two spheres have the same label")
+        require_different_names("spheres", [one.label for one in self.spheres])
         try:
             places = self.markers.positions_mm
         except InputError as error:

@@ -8,7 +8,14 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from ronnaplan.documents.fields import DocumentModel, Label, LengthMm, PositiveMm, Vector
+from ronnaplan.documents.fields import (
+    DocumentModel,
+    Label,
+    LengthMm,
+    PositiveMm,
+    Vector,
+    require_different_names,
+)
 from ronnaplan.documents.reading import made, read_document
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame, Points
@@ -40,8 +47,7 @@ class TemplateDocument(DocumentModel):
     @model_validator(mode="after")
     def _check(self) -> Self:
         size = len(self.labels)
-        if len(set(self.labels)) != size:
-            raise ValueError("two markers have the same label")
+        require_different_names("markers", self.labels)
         if bool(self.distances) == bool(self.centers):
             raise ValueError("distances or centers are needed, and not both")
         if self.centers and len(self.centers) != size:

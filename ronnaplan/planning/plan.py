@@ -15,6 +15,7 @@ from ronnaplan.errors import FrameMismatchError, InputError, check_type
 from ronnaplan.geometry import FloatArray, Frame, Points, as_point
 from ronnaplan.planning.rulers import Ruler
 from ronnaplan.planning.trajectory import Trajectory, next_colour
+from ronnaplan.text import as_read
 
 if TYPE_CHECKING:
     from ronnaplan.figures import Picture
@@ -254,7 +255,7 @@ class Plan(Shown[Trajectory]):
         if trajectory.name in replaced:
             return
         for used in (one.name for one in self.trajectories if one.name not in replaced):
-            if used.split() == trajectory.name.split():  # two that differ by blanks read as one in every list
+            if as_read(used) == as_read(trajectory.name):
                 raise InputError(f"the plan already has a trajectory {used!r}; choose another name")
 
     def _changed(

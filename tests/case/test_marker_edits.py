@@ -31,17 +31,21 @@ def test_what_the_localizer_rejected_cannot_be_used() -> None:
 
 def test_a_name_is_neither_empty_nor_used_twice() -> None:
     assert named(rename(cases.fiducials(), "F1", " nose "), "nose").center == cases.fiducials().fiducials[0].center
-    for bad in ("", "  ", "F2"):
+    known = rename(rename(cases.fiducials(), "F2", "left HC"), "F3", "Caf\u00e9")
+    for bad in ("", "  ", "F4", "left  HC", "Cafe\u0301"):  # the last two read as names that are in use
         with pytest.raises(UsageError, match="cannot be the marker's name"):
-            rename(cases.fiducials(), "F1", bad)
+            rename(known, "F1", bad)
+    assert named(rename(known, "left HC", "left  HC"), "left  HC")
     with pytest.raises(UsageError, match="no marker F9"):
         reject(cases.fiducials(), "F9")
 
 
 def test_a_marker_is_not_taken_back_over_another_of_its_name() -> None:
-    document = rename(reject(cases.fiducials(), "F2"), "F1", "F2")
-    with pytest.raises(UsageError, match="another marker F2"):
-        accept(document, 0)
+    for label, other in (("F2", "F2"), ("left HC", "left  HC")):
+        before = rename(cases.fiducials(), "F2", label)
+        document = rename(reject(before, label), "F1", other)
+        with pytest.raises(UsageError, match=f"another marker {other}"):
+            accept(document, 0)
 
 
 def test_a_registration_goes_with_markers_that_are_renamed_and_stays_as_it_is_else() -> None:

@@ -110,7 +110,8 @@ def test_a_wrong_document_is_refused_by_the_field(document: Path, change: dict[s
             [[1, 2, 0], [0, 1, 0], [0, 0, 1]],
             r"0\.covariance: is not symmetric and positive definite",
         ),
-        ("label", "F2", "same label"),
+        ("label", "F2", "two fiducials have the same name"),
+        ("label", " F2", "the names ' F2' and 'F2' of two fiducials read as one"),
         ("center", [1, 2, float("nan")], "NaN is no number"),
     ],
 )

@@ -85,7 +85,8 @@ def test_a_template_file_is_checked(tmp_path: Path) -> None:
     path.write_text(json.dumps(good))
     assert read_template(path).distances_mm == pytest.approx(DISTANCES)
     for change, complaint in (
-        ({"labels": ["A", "B", "C", "C"]}, "same label"),
+        ({"labels": ["A", "B", "C", "C"]}, "two markers have the same name"),
+        ({"labels": ["A", "B", "C", "C "]}, "the names 'C' and 'C ' of two markers read as one"),
         ({"labels": ["A", "B", "C"]}, "3 x 3 matrix"),
         ({"distances": (DISTANCES + np.triu(DISTANCES)).tolist()}, "symmetric"),
         ({"unit": "cm"}, "unit"),
