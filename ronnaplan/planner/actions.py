@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any, Literal
@@ -18,6 +17,7 @@ from ronnaplan.planner.opening import SIDES
 from ronnaplan.planner.pixels import Pixel
 from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.state import PlannerState
+from ronnaplan.text import LONGEST_NUMBER, plain_number, printable, whole_number
 
 MIDDLE, RIGHT = 1, 2
 """Buttons of a mouse, as browsers number them."""
@@ -151,9 +151,13 @@ class Actions:
         self.pointer.wheel(view, steps, Pixel(x, y, width, height), zoom=zoom)
 
     def _place(self, name: str, end: Literal["entry", "target"], axis: Literal[0, 1, 2], value: Typed) -> None:
-        """Take one coordinate of an end from its field."""
+        """Take one coordinate of an end from its field, or all three where they are typed into it."""
         place = getattr(self.state.case.plan.trajectory(name), f"{end}_mm").copy()
-        place[axis] = _number(value)
+        parts = _parts(value)
+        if len(parts) == len(place):
+            place[:] = [_number(part) for part in parts]
+        else:
+            place[axis] = _number(value)
         self.state.case.edit(name, **{f"{end}_mm": place})
 
     def _colour(self, name: str, colour: str) -> None:
@@ -184,7 +188,12 @@ class Actions:
         self.state.look.show_region(name, colour.lower(), opacity)
 
     def _placement(self, count: Typed) -> None:
-        self.state.offers.propose_markers(int(_number(count)))
+        number = whole_number(str(count))
+        if number is None:
+            raise UsageError(
+                f"'{printable(count, LONGEST_NUMBER)}' is no number of markers; write a whole one such as 6"
+            )
+        self.state.offers.propose_markers(number)
 
     def _listen(self) -> None:
         """Listen to the tracker."""
@@ -208,17 +217,28 @@ class Actions:
 
 
 def _number(value: Typed) -> float:
-    try:
-        number = float(value)
-    except ValueError:
-        number = math.nan
-    if not math.isfinite(number):
-        raise UsageError(f"'{value}' is not a number; give millimetres such as 12.5")
+    number = plain_number(str(value))
+    if number is None:
+        raise UsageError(
+            f"'{printable(value, LONGEST_NUMBER)}' is not a number; write one such as 12.5, with a point"
+        )
     return number
 
 
 def _numbers(typed: str) -> FloatArray:
-    parts = typed.replace(",", " ").split()
+    parts = _parts(typed)
     if len(parts) != 3:
-        raise UsageError(f"'{typed}' is no place; give x, y, z in LPS mm")
+        raise UsageError(
+            f"'{printable(typed, LONGEST_NUMBER)}' is no place; give x, y, z in LPS mm, such as 12.5, 0, -6"
+        )
     return np.array([_number(part) for part in parts])
+
+
+def _parts(typed: Typed) -> list[str]:
+    """Return what stands between semicolons, else between commas, else between blanks.
+
+    Of several kinds only one parts numbers, so that no comma within a number is taken for one between two.
+    """
+    text = str(typed).strip(" ()[]")
+    separator = next((one for one in ";," if one in text), None)
+    return [part.strip() for part in text.split(separator)]

@@ -7,8 +7,33 @@
   let send = null;
 
   // A field that is taken away while somebody types in it is left by that: the browser would tell its half of a number as
-  // entered, and by then its handler works on the trajectory that is selected now.
-  window.trame.app.directive("typed", { beforeUnmount: (field) => (field.value = field.defaultValue) });
+  // entered, and by then its handler works on the trajectory that is selected now. What is typed on goes nowhere. One whose
+  // text was entered, or that was only visited, has the focus again where it is made anew for the same thing.
+  const entered = new WeakMap();
+  let left = null, dropped = false, focused = null;
+  window.addEventListener("change", (event) => entered.set(event.target, event.target.value), true);
+  window.trame.app.directive("typed", {
+    beforeUnmount(field, { value: owner }) {
+      if (field === document.activeElement) {
+        dropped = field.value !== field.defaultValue && field.value !== entered.get(field);
+        left = dropped ? null : { id: field.id, owner, from: field.selectionStart, to: field.selectionEnd };
+      }
+      field.value = field.defaultValue;
+    },
+    mounted(field, { value: owner }) {
+      if (left?.id !== field.id || left.owner !== owner) return;
+      field.focus({ preventScroll: true });
+      field.setSelectionRange(left.from, left.to);
+      left = null;
+    },
+  });
+  // The focus of anything else that is taken away is its panel's, so that nobody who works by keyboard begins at the top.
+  window.addEventListener("focusin", (event) => (focused = event.target));
+  function keepFocus() {
+    if (!focused || focused.isConnected || document.activeElement !== document.body) return;
+    focused = left = null;
+    document.querySelector("[role=tabpanel]")?.focus({ preventScroll: true });
+  }
 
   // The page's own buttons and fields take their place in the queue, too: a button that overtook the press before it
   // would work on the place that was pointed at before.
@@ -104,6 +129,7 @@
   window.addEventListener("pointercancel", lifted);
 
   window.addEventListener("pointerdown", (event) => {
+    dropped = false;
     const view = viewOf(event);
     if (!view) return;
     event.preventDefault();
@@ -159,6 +185,7 @@
   });
   const watched = new WeakSet();
   new MutationObserver(() => {
+    keepFocus();
     for (const view of document.querySelectorAll("svg[data-view]")) {
       if (watched.has(view)) continue;
       resized.observe(view);
@@ -209,19 +236,30 @@
     return true;
   }
 
+  // Up and down in a field for a number.
+  function stepped(field, event) {
+    const steps = { ArrowUp: 1, ArrowDown: -1 }[event.key] * field.dataset.step, now = parseFloat(field.value);
+    if (!Number.isFinite(steps + now) || String(now) !== String(Number(field.value))) return;
+    event.preventDefault();
+    field.value = Number((now + steps).toFixed(3));
+    for (const kind of ["input", "change"]) field.dispatchEvent(new Event(kind, { bubbles: true }));
+  }
+
   window.addEventListener("keydown", (event) => {
     if (event.target.matches?.("svg[data-view]") && moves(event.target, event)) return;
     if (event.target.matches?.("[role=tab]") && steps(event.target, event)) return;
     const field = event.target.closest && event.target.closest("input, textarea, select, dialog");
+    const control = event.ctrlKey || event.metaKey;
     if (field && field.type !== "checkbox") {
-      if (event.key === "Enter" && field.matches("input")) field.blur();
-      return;
+      stepped(field, event);
+      if (!control || field.value !== field.defaultValue) return; // what is typed is taken back by the browser
     }
+    if (["Tab", "Escape"].includes(event.key)) dropped = false;
+    if (dropped) return;
     if (event.key === "?") {
       help();
       return;
     }
-    const control = event.ctrlKey || event.metaKey;
     const key = (control ? "ctrl+" : "") + (control && event.shiftKey ? "shift+" : "") + event.key.toLowerCase();
     if (!window.trame?.state?.get("keys").includes(key)) return;
     event.preventDefault();

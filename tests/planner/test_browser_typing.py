@@ -1,0 +1,122 @@
+"""What is typed: numbers as they are written, three at once, and the focus stays where a person works by keyboard."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ronnaplan.documents.plan import change_plan, read_plan
+from ronnaplan.errors import UsageError
+from ronnaplan.planner.actions import Actions
+from ronnaplan.planner.pointer import Pointer
+from ronnaplan.planner.state import PlannerState
+from tests import cases
+from tests.planner.browser import Planner, eventually, fields, needs_browser, opened, value
+
+FOCUSED = "document.activeElement.id"
+
+
+@pytest.fixture
+def page(browser: Any, running: Planner) -> Any:
+    return opened(browser, running.url)
+
+
+def enter(page: Any, field: str, text: str, key: str = "Enter") -> None:
+    """Type over what stands in a field, enter it, and wait until that was answered."""
+    before = value(page, "chosen"), value(page, "refusals")
+    page.locator(field).focus()
+    page.keyboard.press("Control+a")
+    page.keyboard.type(text)
+    page.keyboard.press(key)
+    eventually(page, lambda: (value(page, "chosen"), value(page, "refusals")) != before)
+    page.wait_for_timeout(50)
+
+
+@needs_browser
+def test_the_focus_stays_in_the_field_in_which_something_was_entered(page: Any, running: Planner) -> None:
+    plan = running.folder / "plan.json"
+    enter(page, "#entry-x", "30.5")
+    assert page.evaluate(FOCUSED) == "entry-x"
+    enter(page, "#entry-x", "12,5")  # a browser's own field for numbers makes 125 of it
+    assert "'12,5' is not a number; write one such as 12.5, with a point" in value(page, "message")
+    assert page.evaluate(FOCUSED) == "entry-x"
+    assert page.input_value("#entry-x") == "30.5"
+    enter(page, "#entry-x", "nose", "Tab")
+    assert page.evaluate(FOCUSED) == "entry-y"  # which is made anew, too
+    page.keyboard.press("ArrowDown")
+    eventually(page, lambda: bool(read_plan(plan).trajectory("left").entry_mm[1] == -20.1))
+    page.wait_for_function("document.getElementById('entry-y').defaultValue === '-20.1'")
+    assert page.evaluate(FOCUSED) == "entry-y"
+    page.keyboard.press("Control+z")  # nothing is being typed
+    eventually(page, lambda: bool(read_plan(plan).trajectory("left").entry_mm[1] == -20.0))
+    enter(page, "#path-name", "right")
+    assert page.evaluate(FOCUSED) == "path-name"
+    page.click(".rp-tab >> text=Markers")
+    page.locator("#marker-1").focus()
+    page.keyboard.press("Control+a")
+    page.keyboard.type("nose")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("[aria-label='reject nose']")
+    assert page.evaluate(FOCUSED) == "marker-1"
+
+
+@needs_browser
+def test_the_focus_of_what_is_taken_away_is_its_panel_s(page: Any) -> None:
+    page.locator("[aria-label='remove left']").focus()
+    page.keyboard.press("Enter")
+    page.wait_for_selector("text=No trajectory yet")
+    page.wait_for_function(f"{FOCUSED} === 'paths'")
+    page.keyboard.press("Control+z")  # keys do what they do elsewhere
+    page.wait_for_selector("[aria-label='remove left']")
+
+
+@needs_browser
+def test_what_is_typed_on_after_another_hand_changed_the_field_is_no_key(page: Any, running: Planner) -> None:
+    plan = running.folder / "plan.json"
+    page.locator("#notes").focus()
+    page.keyboard.type("half a ")
+    change_plan(plan, lambda plan: plan.edit("left", notes="theirs"))
+    page.wait_for_function("document.getElementById('notes').value === 'theirs'")
+    page.keyboard.type("sda3")
+    page.keyboard.press("Delete")
+    page.keyboard.press("Tab")
+    assert value(page, "look")["window"] == "bone"
+    assert not value(page, "look")["adding"]
+    assert len(read_plan(plan).trajectories) == 1
+    page.locator("#add").focus()
+    page.keyboard.press("3")
+    eventually(page, lambda: value(page, "look")["window"] == "wide")
+
+
+@needs_browser
+def test_three_coordinates_are_pasted_into_one_field(page: Any, running: Planner) -> None:
+    enter(page, "#target-y", "(11.5, 6, -2.25e1)")
+    assert fields(page, "target") == [11.5, 6.0, -22.5]
+    assert page.evaluate(FOCUSED) == "target-y"
+
+
+@pytest.mark.parametrize("typed", ["11.5, 6, 21", "11.5,6,21", "11.5 6 21", "[11.5; 6; 21]"])
+def test_places_are_typed_in_several_ways(state: PlannerState, typed: str) -> None:
+    actions = Actions(state, Pointer(state)).by_name()
+    actions["place"]("left", "target", 0, typed)
+    assert state.case.plan.trajectory("left").target_mm.tolist() == [11.5, 6.0, 21.0]
+    actions["landmark"]("AC", typed)
+    assert state.landmarks_mm["AC"].tolist() == [11.5, 6.0, 21.0]
+
+
+@pytest.mark.parametrize(
+    "typed",
+    ["11,5 6,0 21,0", "11,5 6", "1_1", "\uff11", "0x1f", "nan", "1e999", "11,5", "1 2", "", "1,2,3,4", "1,,2"],
+)
+def test_what_is_no_number_by_the_letter_is_refused(state: PlannerState, typed: str) -> None:
+    actions, before = Actions(state, Pointer(state)).by_name(), state.case.plan
+    with pytest.raises(UsageError, match=r"is not a number; write one such as 12\.5, with a point"):
+        actions["place"]("left", "target", 0, typed)
+    with pytest.raises(UsageError, match=r"is no place|is not a number"):
+        actions["landmark"]("AC", typed)
+    with pytest.raises(UsageError, match="is no number of markers; write a whole one"):
+        actions["placement"]("6.5")
+    assert state.case.plan is before
+    assert np.array_equal(before.trajectory("left").target_mm, cases.TARGET_MM)
