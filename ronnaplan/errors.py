@@ -23,6 +23,10 @@ class InputError(RonnaplanError):
     exit_status = 1
 
 
+class UnwrittenError(InputError):
+    """A file cannot be written as things are: no room, no permission, a bad disk. Nothing of it was."""
+
+
 class UsageError(RonnaplanError):
     """The call itself is wrong: an impossible argument or option."""
 

@@ -19,7 +19,7 @@ from ronnaplan.documents.plan import plan_text, read_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.documents.registration import RegistrationDocument, read_registration
 from ronnaplan.documents.revision import revised
-from ronnaplan.errors import InputError, RonnaplanError, UsageError
+from ronnaplan.errors import InputError, RonnaplanError, UnwrittenError, UsageError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import Head, Instrument, Landmarks, Plan, Trajectory
 from ronnaplan.planning.electrodes import electrode_chosen
@@ -64,6 +64,8 @@ class OpenCase:
         self.registration: RegistrationDocument | None = case.registration
         self.surroundings: Surroundings = case.surroundings
         self.before_drag: Plan | None = None
+        self.unwritten: Plan | None = None
+        """The next plan, where it could not be written and nothing else was done since."""
         self.followers: list[Callable[[Plan, Plan], None]] = []
         """Told of every change of the plan: as it was, and as it is."""
         self._steps = Steps()
@@ -159,8 +161,23 @@ class OpenCase:
         """Keep a plan that is one step further; one that changes nothing is no step."""
         if plan is self.plan:
             return
-        self._keep_plan(sound(self.plan, plan, self.surroundings.head))
+        after = sound(self.plan, plan, self.surroundings.head)
+        try:
+            self._keep_plan(after)
+        except UnwrittenError:
+            self.unwritten = plan
+            raise
         self._steps.add(None)
+
+    def write_again(self) -> bool:
+        """Make the change that could not be written, if there is one; return whether it was made.
+
+        Raises `UnwrittenError`, and keeps it, where it still cannot be; what else is wrong with it now ends it.
+        """
+        plan, self.unwritten = self.unwritten, None
+        if plan is not None:
+            self.change_plan(plan)
+        return plan is not None
 
     # --- dragging --------------------------------------------------------------------------------------------
 
@@ -172,7 +189,7 @@ class OpenCase:
     def begin_drag(self, name: str) -> None:
         """Begin to move a trajectory with the mouse; a locked one is refused."""
         self.plan.edit(name)
-        self.before_drag = self.plan
+        self.before_drag, self.unwritten = self.plan, None
 
     def drag(self, name: str, end: str, place_mm: FloatArray) -> None:
         """Move one end of a trajectory to any place (3,), LPS mm; the whole drag is one step that can be undone."""
@@ -272,7 +289,7 @@ class OpenCase:
         self._show_plan(written)
 
     def _show_plan(self, plan: Plan) -> None:
-        before, self.plan = self.plan, plan
+        before, self.plan, self.unwritten = self.plan, plan, None
         for follow in self.followers:
             follow(before, plan)
 

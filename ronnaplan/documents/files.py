@@ -6,6 +6,7 @@ any step leaves the old content or the new one; what it left beside is removed b
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import unicodedata
@@ -15,7 +16,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ronnaplan.errors import InputError, UsageError
+from ronnaplan.errors import InputError, UnwrittenError, UsageError
 from ronnaplan.portable import keep_access, replace, sync_folder
 from ronnaplan.untrusted import parse_json, read_whole
 
@@ -23,6 +24,13 @@ Document = TypeVar("Document")
 
 MAX_DOCUMENT_BYTES = 16 * 2**20
 """Documents are a few kilobytes; a larger file is something else."""
+
+REMEDIES = {
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), "make room on its disk"),
+    **dict.fromkeys((errno.EROFS, errno.EACCES, errno.EPERM), "make that place writable"),
+    errno.EIO: "check its disk",
+}
+"""What can be done where a file lies, about an error of the system's. About others another place can be chosen."""
 
 LOCK_WAIT_S = 10.0
 """How long to wait for another writer of the same file: a write takes some milliseconds."""
@@ -35,8 +43,8 @@ def write_atomically(path: str | os.PathLike[str], data: str | bytes) -> None:
     """Write ``data`` to ``path``, replacing what was there whole; it is on the disk when this returns.
 
     A link is followed, so that what it points to is replaced and not the link. Mode and ownership of a replaced file
-    stay. Raises `InputError` for a place that cannot be written, for anything but a regular file (a device, a pipe),
-    and where another program holds the file for more than `LOCK_WAIT_S`.
+    stay. Raises `UnwrittenError` for a place that cannot be written, `InputError` for anything but a regular file (a
+    device, a pipe), and where another program holds the file for more than `LOCK_WAIT_S`.
     """
     with _locked(path) as target:
         _replace(target, data.encode() if isinstance(data, str) else data)
@@ -115,8 +123,12 @@ def _locked(path: str | os.PathLike[str]) -> Iterator[Path]:
     _clear_leftovers(target.parent)
 
 
-def _unwritten(path: str | os.PathLike[str], error: OSError) -> InputError:
-    return InputError(f"cannot write {os.fspath(path)}: {error.strerror or error}; choose another place")
+def _unwritten(path: str | os.PathLike[str], error: OSError) -> UnwrittenError:
+    return UnwrittenError(f"cannot write {os.fspath(path)}: {error.strerror or error}; {_remedy(error)}")
+
+
+def _remedy(error: OSError) -> str:
+    return REMEDIES.get(error.errno or 0, "choose another place")
 
 
 def _replace(target: Path, content: bytes) -> None:
@@ -210,5 +222,5 @@ def make_folder(path: str | os.PathLike[str]) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"cannot make the folder {folder}: {error.strerror}; choose another place") from error
+        raise InputError(f"cannot make the folder {folder}: {error.strerror}; {_remedy(error)}") from error
     return folder

@@ -147,7 +147,6 @@ class Looking(HeadLooking):
         if name not in LAYOUTS:
             raise UsageError(f"there is no layout {name}; there are {', '.join(LAYOUTS)}")
         self.layout = name
-        self.save()
 
     def cut(self, view: str) -> Cut:
         """Return the plane that a view shows; a path view needs a selected trajectory."""
@@ -167,7 +166,6 @@ class Looking(HeadLooking):
     def select(self, name: str | None) -> None:
         """Select a trajectory, or none."""
         self.selected = None if name is None else self.case.plan.trajectory(name).name
-        self.save()
 
     @property
     def chosen(self) -> Trajectory | None:
@@ -205,7 +203,7 @@ class Looking(HeadLooking):
         self._write(self._now)
 
     def keep(self) -> None:
-        """The same where it has changed since."""
+        """The same where it has changed since; raises `UnwrittenError` where it cannot be written."""
         if (look := self._now) != self._kept:
             self._write(look)
 

@@ -145,7 +145,7 @@ class Pointer:
             self.state.look.jump(place)
 
     def release(self) -> None:
-        """Let go and keep what was done; a click in the 3-D view picks what is under it."""
+        """Let go and keep what was dragged; a click in the 3-D view picks what is under it."""
         at = self._turned[0] if self._turned and self._clicked else None
         held = self._held
         if held is not None:
@@ -156,7 +156,6 @@ class Pointer:
             self.state.look.jump(getattr(self.state.case.plan.trajectory(held[0]), f"{held[1]}_mm"))
         elif at is not None and self.head is not None:
             self.picking.in_head(self.head.camera, at)
-        self.state.look.keep()
 
     def wheel(self, view: str, steps: float, at: Pixel, *, zoom: bool = False) -> None:
         """Scroll through the slices, zoom about the pointer, or come nearer to the head."""

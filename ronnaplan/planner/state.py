@@ -165,7 +165,6 @@ class PlannerState:
         points = {**self.landmarks_mm, which: place}
         if len(points) == len(LANDMARKS):
             self.case.set_landmarks(Landmarks(*(points[name] for name in LANDMARKS)))
-            self.look.save()
         else:
             self.look.set_points(points)
 

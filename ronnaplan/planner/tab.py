@@ -33,7 +33,7 @@ KEEP_MESSAGE = ("release", "pictures", "volume_is_slow")
 
 EMPTY: Mapping[str, Any] = {
     **OWN,
-    **{"news": "", "under": "", "refusals": 0},
+    **{"news": "", "under": "", "refusals": 0, "unsaved": {}},
     **{"things": [], "volume": {}, "picture_head": None},
 }
 """What a page shows before anything is drawn."""
@@ -66,6 +66,8 @@ class Tab:
         self._others = others
         self._following: asyncio.Task[None] | None = None
         self._keeping: asyncio.TimerHandle | None = None
+        self.unkept: RonnaplanError | None = None
+        """Why where one looks could not be kept, None where it was."""
         self._keys = key_actions(state, self.pointer)
         self._actions = Actions(state, self.pointer, tracker)
         self._answers = self._answered(cancel)
@@ -79,6 +81,7 @@ class Tab:
             "key": self._press_key,
             "cancel": cancel,
             "dismiss": _nothing,
+            "give_up": self._give_up,
         }
         return {
             **{name: self._answering(name, checked(name, action)) for name, action in changing.items()},
@@ -190,13 +193,20 @@ class Tab:
         """Keep where one looks, once that has stayed the same for a while: the wheel turns faster than a disk."""
         if self._keeping is not None:
             self._keeping.cancel()
-        self._keeping = asyncio.get_running_loop().call_later(KEEP_S, self._keep)
+        self._keeping = asyncio.get_running_loop().call_later(KEEP_S, self.keep)
 
-    def _keep(self) -> None:
+    def keep(self) -> None:
+        """Keep where one looks; what cannot be written is no reason to refuse anything, and is tried again."""
         self._keeping = None
-        with self.told(keep_message=True):
+        try:
             self.state.look.keep()
-        self.shown.flush()
+            self.unkept = None
+        except RonnaplanError as error:
+            self.unkept = error
+
+    def _give_up(self) -> None:
+        """Try no longer to make a change that could not be written."""
+        self.state.case.unwritten = None
 
     def _let_go_elsewhere(self) -> None:
         """End what another page drags, before this one changes something; its next move begins anew."""

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from typing import Any, Final
 
-from ronnaplan.errors import UsageError
-from ronnaplan.planner.worker import Job, Worker
+from ronnaplan.errors import UnwrittenError, UsageError
+from ronnaplan.planner.worker import CancelledError, Job, Worker
 
 TELL_S: Final = 0.5
 """How often the page is told how far a job is."""
+
+AGAIN_S: Final = 1.0
+"""How often an answer that cannot be written is written again."""
 
 IDLE: Final = {"what": "", "share": 0.0, "seconds": 0}
 
@@ -35,6 +39,8 @@ class Working:
         self._worker = Worker()
         self._task: asyncio.Task[None] | None = None
         self._share = 0.0
+        self._given_up = asyncio.Event()
+        """Whether an answer is not to be written any more."""
 
     def start(self, job: Job) -> None:
         """Set a job going; raises `UsageError` while another one is under way."""
@@ -50,6 +56,7 @@ class Working:
 
     def cancel(self) -> None:
         """End the job that is under way."""
+        self._given_up.set()
         self._worker.cancel()
 
     async def _work(self, job: Job) -> None:
@@ -58,11 +65,25 @@ class Working:
         while not (await asyncio.wait({answer}, timeout=TELL_S))[0]:
             seconds = round(time.monotonic() - began)
             self._tell({"what": job.what, "share": self._share, "seconds": seconds})
-        self._task = None
-        with self.answering():
-            job.keep(answer.result())
+        try:
+            with self.answering():
+                await self._keep(job, answer.result())
+        finally:
+            self._task = None
         self._tell(IDLE)
         self.shown()
+
+    async def _keep(self, job: Job, answer: Any) -> None:
+        """Take an answer; one that cannot be written waits until it can be, or is given up."""
+        self._given_up.clear()
+        while not self._given_up.is_set():
+            try:
+                return job.keep(answer)
+            except UnwrittenError as error:
+                self._tell({**IDLE, "what": f"{job.what} is done, but {error}; writing it again"})
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._given_up.wait(), AGAIN_S)
+        raise CancelledError(f"cancelled: {job.what}")
 
     def _tell(self, work: dict[str, Any]) -> None:
         self.told = work

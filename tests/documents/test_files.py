@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import stat
@@ -15,7 +16,7 @@ from filelock import FileLock
 
 from ronnaplan.documents import files
 from ronnaplan.documents.files import change_document, make_folder, read_json, write_atomically
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, UnwrittenError
 from tests import faults
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -43,6 +44,25 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(
         write_atomically(target, "new")
     assert target.read_text() == "old"
     assert [path.name for path in tmp_path.iterdir()] == ["out.json"]
+
+
+@pytest.mark.parametrize(
+    ("number", "remedy"),
+    [
+        (errno.ENOSPC, "No space left on device; make room on its disk"),
+        (errno.EROFS, "Read-only file system; make that place writable"),
+        (errno.EFBIG, "File too large; choose another place"),
+    ],
+)
+def test_what_can_be_done_about_a_file_that_is_not_written_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, remedy: str
+) -> None:
+    def refuse(_: int) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(os, "fsync", refuse)
+    with pytest.raises(UnwrittenError, match=remedy):
+        write_atomically(tmp_path / "out.json", "new")
 
 
 def test_a_place_that_is_no_folder_is_refused(tmp_path: Path) -> None:

@@ -70,6 +70,7 @@ def test_a_drag_to_the_right_widens_the_window_and_one_up_raises_it(state: Plann
     assert state.look.window_hu[0] < state.look.window_hu[1]
     pointer.release()
     assert state.look.crosshair_mm == pytest.approx(before)
+    state.look.keep()
     assert reopened(state).look.window_hu == state.look.window_hu
 
 

@@ -66,7 +66,7 @@ def test_a_change_of_what_another_hand_changed_is_refused_and_the_page_shows_the
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="another process can be forbidden to write on Linux only")
-def test_a_write_that_fails_is_said_and_taken_back_on_the_page(kept: Planner) -> None:
+def test_a_write_that_fails_is_said_and_made_once_it_can_be(kept: Planner) -> None:
     import resource
 
     path = kept.folder / "plan.json"
@@ -82,10 +82,26 @@ def test_a_write_that_fails_is_said_and_taken_back_on_the_page(kept: Planner) ->
             assert "cannot write" in state["message"]
             assert state["refusals"] == 1
             assert state["chosen"]["notes"] == before
+            state = await shown(page, lambda state: bool(state["unsaved"]))
+            assert state["unsaved"]["change"]
+            assert "the last change of the plan" in state["unsaved"]["what"]
             assert path.read_bytes() == written
+            await page.trigger("select", "left")  # to look about is no change, and is refused by no disk
+            await page.trigger("layout", "four")
+            state = await shown(page, lambda state: "where you look" in state["unsaved"]["what"])
+            assert (state["message"], state["look"]["layout"]) == ("", "four")
             assert [one.name for one in kept.folder.glob(".ronnaplan.*")] == []
             resource.prlimit(kept.process.pid, resource.RLIMIT_FSIZE, limits)
-            await page.trigger("notes", "left", "saved")
-            assert (await page.state())["chosen"]["notes"] == "saved"
+            state = await shown(page, lambda state: state["chosen"]["notes"] == "unsaved")
+            assert "is written now" in state["news"]
+            await shown(page, lambda state: not state["unsaved"])
+            assert read_plan(path).trajectory("left").notes == "unsaved"
+            resource.prlimit(kept.process.pid, resource.RLIMIT_FSIZE, (100, limits[1]))
+            await page.trigger("notes", "left", "given up")
+            await shown(page, lambda state: bool(state["unsaved"]))
+            await page.trigger("give_up")
+            resource.prlimit(kept.process.pid, resource.RLIMIT_FSIZE, limits)
+            await shown(page, lambda state: not state["unsaved"])
+            assert read_plan(path).trajectory("left").notes == "unsaved"
 
     run(act())
