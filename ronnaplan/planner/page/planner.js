@@ -27,6 +27,12 @@
       left = null;
     },
   });
+  // A row of a long list that is selected elsewhere, in a view say, is brought into sight.
+  const see = (row) => row.scrollIntoView({ block: "nearest" });
+  window.trame.app.directive("seen", {
+    mounted: (row, { value: on }) => on && see(row),
+    updated: (row, { value: on, oldValue: before }) => on && !before && see(row),
+  });
   // The focus of anything else that is taken away is its panel's, so that nobody who works by keyboard begins at the top.
   window.addEventListener("focusin", (event) => (focused = event.target));
   function keepFocus() {
