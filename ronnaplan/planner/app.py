@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
+from ronnaplan.case.surroundings import scan_doubts
 from ronnaplan.errors import RonnaplanError, UnwrittenError, UsageError
 from ronnaplan.planner.actions import key_actions
 from ronnaplan.planner.cuts import WINDOWS_HU
@@ -111,6 +112,7 @@ class PlannerApp:
                 "surfaces": list(SURFACES),
                 "presets": list(PRESETS),
                 "openings": list(OPENINGS),
+                "scan_doubts": list(scan_doubts(self.state.case.volume)),
             }
         )
         for name, text in templates().items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,10 @@ TOLD_MM, LINE_PIXELS, NUMBER_PIXELS = (10, 20, 50, 100), 14.0, 26.0
 
 BESIDE_PIXELS = 4.0
 """From a mark to its depth."""
+
+ALONG_SLICES, ON_SLICE, WIDE_GAP = 0.9, 0.05, 1.5
+"""A cut whose normal has this share of the slices' lies along them; so near to one, in gaps, it shows that one; a gap
+so many times the usual one lacks slices."""
 
 IN_PLANE = 1e-3
 """A path whose direction has no larger share out of a plane lies along it."""
@@ -121,10 +126,22 @@ def letters(direction: FloatArray) -> str:
 
 def _title(state: PlannerState, view: str, cut: Cut) -> str:
     if view in STANDARD_NAMES:
-        return f"{view}  {state.look.crosshair_mm @ np.abs(cut.away):.1f} mm"
+        return f"{view}  {state.look.crosshair_mm @ np.abs(cut.away):.1f} mm{_missing(state, cut)}"
     assert state.look.chosen is not None
     depth = float((cut.center_mm - state.look.chosen.entry_mm) @ state.look.chosen.inward)
     return TITLES[view].format(depth if view == ACROSS else isolated(state.look.chosen.name))
+
+
+def _missing(state: PlannerState, cut: Cut) -> str:
+    """Return what a cut along the slices is made of where slices are missing: it shows what was not measured there."""
+    grid = state.case.volume.grid
+    if abs(cut.away @ grid.normal) < ALONG_SLICES:
+        return ""
+    k = float(grid.indices(state.look.crosshair_mm[np.newaxis])[0, 0])
+    below = min(max(math.floor(k), 0), len(grid.spacings_mm) - 1)
+    gap_mm = float(grid.spacings_mm[below])
+    between = ON_SLICE < k - below < 1.0 - ON_SLICE
+    return f", between slices {gap_mm:.1f} mm apart" if between and gap_mm > WIDE_GAP * grid.typical_gap_mm else ""
 
 
 def balls(state: PlannerState, show_rejected: bool) -> list[tuple[str, tuple[float, float, float], float, str]]:

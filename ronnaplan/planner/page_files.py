@@ -25,6 +25,9 @@ LOADER = re.compile(r"<script>\s*fetch\(\"\./loading\.tpl\".*?</script>", re.DOT
 """trame's index writes a picture of waiting over whatever stands in the page once it has come. Where much else runs, or
 over a slow line, that is the page itself."""
 
+VIEWPORT = re.compile('content="width=device-width,[^"]*"')
+"""trame's index forbids that a person with weak eyes enlarges the page with two fingers."""
+
 WAITING = "ronnaplan is loading ... (research software, not a medical device)"
 
 
@@ -46,6 +49,7 @@ def index() -> str:
     from trame_client.module import vue3
 
     text = LOADER.sub("", (Path(vue3.www) / "index.html").read_text(encoding="utf-8"))
+    text = VIEWPORT.sub('content="width=device-width,initial-scale=1"', text)
     reach = (PAGE / "reach.js").read_text(encoding="utf-8")
     text = re.sub("<title>.*?</title>", f'<title>ronnaplan</title><link rel="stylesheet" href="{STYLE}">', text)
     text = text.replace('<div id="app">', f'<div id="app">{WAITING}')
