@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from ronnaplan.cli import plan_actions as actions
+from ronnaplan.cli import plan_checks as checks
 from ronnaplan.cli import plan_options as options
 from ronnaplan.cli import plan_template
 from ronnaplan.text import NOTICE
@@ -53,9 +54,9 @@ ACTIONS = {
         "Write the trajectories as Slicer line markups or CSV.", options.configure_export, actions.run_export
     ),
     "check": Action(
-        "Measure all trajectories; exit 3 when a limit is broken.", options.configure_check, actions.run_check
+        "Measure all trajectories; exit 3 when a limit is broken.", options.configure_check, checks.run_check
     ),
-    "propose": Action("Propose entries for a target.", options.configure_propose, actions.run_propose),
-    "markers": Action("Propose places for the markers.", options.configure_markers, actions.run_markers),
+    "propose": Action("Propose entries for a target.", options.configure_propose, checks.run_propose),
+    "markers": Action("Propose places for the markers.", options.configure_markers, checks.run_markers),
     "template": Action(plan_template.HELP, plan_template.configure, plan_template.run),
 }

@@ -1,0 +1,96 @@
+"""What actions of ``ronnaplan plan`` have in common: how plan, scan and options are read, and a change is written."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from ronnaplan.cli.output import warn
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from ronnaplan.ct import CTVolume
+    from ronnaplan.geometry import FloatArray
+    from ronnaplan.planning import Instrument, Plan
+
+
+def read_scan(arguments: argparse.Namespace) -> CTVolume:
+    """Return the scan that is named."""
+    from ronnaplan.ct import read_ct
+
+    return read_ct(arguments.ct, arguments.series, progress=True)
+
+
+def scan_of_plan(arguments: argparse.Namespace) -> CTVolume:
+    """Read the scan and require that it is the plan's, if there is a plan."""
+    volume = read_scan(arguments)
+    if arguments.plan:
+        read_named_plan(arguments).require_scan(volume)
+    return volume
+
+
+def read_named_plan(arguments: argparse.Namespace) -> Plan:
+    """Return the plan that is named."""
+    from ronnaplan.documents.plan import read_plan
+
+    return read_plan(arguments.plan)
+
+
+def change_named(arguments: argparse.Namespace, change: Callable[[Plan], Plan]) -> int:
+    """Make a change to the plan's file; returns the exit status."""
+    from ronnaplan.documents.plan import change_plan
+
+    change_plan(arguments.plan, change)
+    return 0
+
+
+def change_in_head(arguments: argparse.Namespace, change: Callable[[Plan], Plan]) -> int:
+    """Make a change to the plan if the ends that are new in it lie in the head; warn of what makes them doubtful."""
+    from ronnaplan.case.edits import sound
+    from ronnaplan.documents.plan import change_plan
+    from ronnaplan.planning import Head
+    from ronnaplan.planning.crossings import find_crossings
+    from ronnaplan.planning.measures import entry_doubt
+    from ronnaplan.planning.sides import side_doubt
+
+    change(read_named_plan(arguments))  # what is wrong without the scan is told before it is read
+    head = Head.of(scan_of_plan(arguments))
+    changed = change_plan(arguments.plan, lambda plan: sound(plan, change(plan), head))
+    for one in changed.trajectories:
+        above = find_crossings(head, one.target_mm, -one.inward)
+        doubts = (entry_doubt(one, above), side_doubt(one, head, changed.landmarks))
+        warn(*(f"{one.name}: {doubt}" for doubt in doubts if doubt is not None))
+    return 0
+
+
+def lps(place: list[float], system: str | None) -> FloatArray:
+    """Return a place (3,) in LPS mm, given in the coordinate ``system``; raises `UsageError` where none is named."""
+    import numpy as np
+
+    from ronnaplan.documents.plan_exchange import to_lps
+    from ronnaplan.errors import UsageError
+
+    if system is None:
+        raise UsageError("coordinates need --coordinates LPS or --coordinates RAS")
+    return to_lps(np.array(place, dtype=np.float64), system)
+
+
+def stated_electrode(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the electrode that was chosen by name, as a trajectory takes it; nothing where none was named."""
+    from ronnaplan.planning.electrodes import electrode_chosen
+
+    return {} if arguments.electrode is None else {"electrode": electrode_chosen(arguments.electrode)}
+
+
+def stated_instrument(arguments: argparse.Namespace) -> Instrument | None:
+    """Return the instrument that was named or sized; None where none was."""
+    from ronnaplan.errors import UsageError
+    from ronnaplan.planning import Instrument
+    from ronnaplan.planning.trajectory import instrument_named
+
+    if (arguments.diameter is None) != (arguments.length is None):
+        raise UsageError("an instrument of your own needs both --diameter and --length")
+    if arguments.diameter is not None:
+        return Instrument(arguments.instrument or "instrument", arguments.diameter, arguments.length)
+    return instrument_named(arguments.instrument) if arguments.instrument else None
