@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 from ronnaplan.case.surroundings import scan_doubts
-from ronnaplan.errors import RonnaplanError, UnwrittenError, UsageError
+from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.planner.actions import key_actions
 from ronnaplan.planner.cuts import WINDOWS_HU
 from ronnaplan.planner.head_look import OPENINGS
@@ -22,6 +22,7 @@ from ronnaplan.planner.sockets import ASKING
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import LAYOUTS
 from ronnaplan.planner.tab import Tab
+from ronnaplan.planner.unwritten import write_again
 from ronnaplan.planner.working import Working
 from ronnaplan.planning import INSTRUMENTS
 from ronnaplan.planning.electrodes import ELECTRODES, NO_ELECTRODE
@@ -30,8 +31,6 @@ from ronnaplan.scene.head import HeadParts, head_parts
 from ronnaplan.scene.surfaces import SURFACES
 from ronnaplan.scene.volume import PRESETS
 from ronnaplan.scene.vtk import Workshop
-
-WRITTEN = "the change that could not be written is written now"
 
 CHANGED = "another hand has changed the case; it is shown as it is now"
 
@@ -270,28 +269,6 @@ class PlannerApp:
             tab.head.open(self.parts)
             tab.pointer.head = tab.head.scene
 
-    def _write_again(self) -> None:
-        """Try again to write what could not be, and tell what waits for that."""
-        case, why = self.state.case, None
-        try:
-            if case.write_again():
-                self.tell_all({"message": "", "news": WRITTEN})
-                self.refresh()
-        except UnwrittenError as error:
-            why = error
-        except RonnaplanError as error:  # another hand changed the same thing, say
-            for tab in self.tabs.values():
-                tab.refuse(error)
-            self.refresh()
-        waits = [] if why is None else ["the last change of the plan"]
-        for tab in self.tabs.values():
-            if tab.unkept is not None:
-                tab.keep()
-            look = [] if tab.unkept is None else ["where you look"]
-            told = {"what": " and ".join(waits + look), "why": str(why or tab.unkept), "change": why is not None}
-            tab.shown["unsaved"] = told if waits or look else {}
-            tab.shown.flush()
-
     async def _watch(self, **_: Any) -> None:
         """Draw what the first page will show, have the head made, and show what another hand writes from then on."""
         self._watching, self._loop = asyncio.current_task(), asyncio.get_running_loop()
@@ -299,7 +276,8 @@ class PlannerApp:
         self._making = self._loop.create_task(self._make_head())
         while True:
             await asyncio.sleep(LOOK_AGAIN_S)
-            self._write_again()
+            if write_again(self.state.case, self.tabs.values()):
+                self.refresh()
             try:
                 news = self.state.case.look_again()
                 if news:
