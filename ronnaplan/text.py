@@ -16,6 +16,9 @@ LONGEST_TEXT = 500
 LONGEST_SENTENCE = 4000
 """Characters kept of an error's sentence, which may list several series or candidates."""
 
+LONGEST_LISTED = 60
+"""Characters kept of a name in a sentence that lists several."""
+
 MOST_DIGITS = 20
 """A whole number with more digits is damage: nanoseconds since 1970 have 19."""
 
@@ -89,6 +92,17 @@ def table(rows: Sequence[Sequence[str]]) -> list[str]:
     return [
         "  ".join(filled(cell, width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
     ]
+
+
+def listed(names: Iterable[str], most: int = 10) -> str:
+    """Return names for a sentence that says which there are: each, and their number, within reason.
+
+    >>> listed(["left", "right"]), listed([]), listed("abc", most=2)
+    ('left, right', 'none', 'a, b and 1 more')
+    """
+    shown = [printable(name, LONGEST_LISTED) for name in names]
+    more = f" and {len(shown) - most} more" if len(shown) > most else ""
+    return f"{', '.join(shown[:most])}{more}" or "none"
 
 
 def as_read(name: str) -> str:

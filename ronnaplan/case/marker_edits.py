@@ -13,7 +13,7 @@ from ronnaplan.documents.fiducials import (
 )
 from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.errors import RefusedError, UsageError
-from ronnaplan.text import as_read
+from ronnaplan.text import as_read, listed
 
 BY_HAND = "rejected by hand"
 """The reason of a marker that a person turned down; it is kept whole, so that it can be taken back."""
@@ -102,5 +102,5 @@ def named(document: FiducialsDocument, label: str) -> FiducialEntry:
     for one in document.fiducials:
         if one.label == label:
             return one
-    known = ", ".join(one.label for one in document.fiducials) or "none"
+    known = listed(one.label for one in document.fiducials)
     raise UsageError(f"there is no marker {label}; there are {known}")

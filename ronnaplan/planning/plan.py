@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -15,7 +15,7 @@ from ronnaplan.errors import FrameMismatchError, InputError, check_type
 from ronnaplan.geometry import FloatArray, Frame, Points, as_point
 from ronnaplan.planning.rulers import Ruler
 from ronnaplan.planning.trajectory import Trajectory, next_colour
-from ronnaplan.text import as_read
+from ronnaplan.text import as_read, listed
 
 if TYPE_CHECKING:
     from ronnaplan.figures import Picture
@@ -179,9 +179,7 @@ class Plan(Shown[Trajectory]):
         for one in self.rulers:
             if one.name == name:
                 return one
-        raise InputError(
-            f"the plan has no measurement {name!r}; it has {_listed(one.name for one in self.rulers)}"
-        )
+        raise InputError(f"the plan has no measurement {name!r}; it has {listed(one.name for one in self.rulers)}")
 
     def add(self, trajectory: Trajectory) -> Plan:
         """Return the plan with one more trajectory; `InputError` for a name in use, else `FrameMismatchError`."""
@@ -241,7 +239,7 @@ class Plan(Shown[Trajectory]):
     def _index(self, name: str) -> int:
         names = [one.name for one in self.trajectories]
         if name not in names:
-            raise InputError(f"the plan has no trajectory {name!r}; it has {_listed(names)}")
+            raise InputError(f"the plan has no trajectory {name!r}; it has {listed(names)}")
         return names.index(name)
 
     def _unlocked(self, name: str) -> int:
@@ -309,7 +307,3 @@ def _exchanged(items: Sequence[One], change: Change, kind: type[One]) -> tuple[O
 def _coloured(trajectory: Trajectory, index: int) -> Trajectory:
     """Return a trajectory with the colour of the one at ``index``, if it has none."""
     return trajectory if trajectory.colour else replace(trajectory, colour=next_colour(index))
-
-
-def _listed(names: Iterable[str]) -> str:
-    return ", ".join(names) or "none"

@@ -40,6 +40,14 @@ def test_a_name_is_neither_empty_nor_used_twice() -> None:
         reject(cases.fiducials(), "F9")
 
 
+def test_of_many_markers_a_sentence_names_ten() -> None:
+    one = cases.fiducials().fiducials[0]
+    many = tuple(one.model_copy(update={"label": f"{n} {'x' * 300}"}) for n in range(40))
+    with pytest.raises(UsageError, match=r"no marker F9; there are 0 x+, 1 x.* and 30 more$") as refused:
+        named(cases.fiducials().model_copy(update={"fiducials": many}), "F9")
+    assert len(str(refused.value)) < 800
+
+
 def test_a_marker_is_not_taken_back_over_another_of_its_name() -> None:
     for label, other in (("F2", "F2"), ("left HC", "left  HC")):
         before = rename(cases.fiducials(), "F2", label)
