@@ -71,7 +71,8 @@ class Room:
 class Names:
     """What is written over one picture: what is asked for first keeps its place, and nothing covers another.
 
-    Nor does anything cover what is ``taken`` beforehand. Where there is no free place near, a name stands on another.
+    Nor does anything cover what is ``taken`` beforehand. Where there is no free place near, none is written: the last
+    of several names on each other would be read as that of all.
     """
 
     def __init__(self, room: Room, taken: Iterable[Box] = ()) -> None:
@@ -105,8 +106,10 @@ class Names:
         lines = [max(y - gap, room.highest) + n * LINE_EM * room.em for n in LINES]
         boxes = {down: room.box(text, left, down) for down in lines if room.highest <= down <= room.high}
         free = (down for down, box in boxes.items() if not _covers(box, self._taken))
-        down = next(free, lines[0])
-        self._taken.append(room.box(text, left, down))
+        down = next(free, None)
+        if down is None:
+            return {"x": across, "y": lines[0], "anchor": anchor, "text": ""}
+        self._taken.append(boxes[down])
         return {"x": across, "y": down, "anchor": anchor, "text": text}
 
 

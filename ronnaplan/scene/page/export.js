@@ -29,8 +29,9 @@
       const [across, down, away] = viewer.onScreen(thing.labelAt);
       thing.written.hidden = !thing.shown;
       if (!thing.shown) continue;
-      const [left, top] = beside(thing.written.offsetWidth, across, down);
-      Object.assign(thing.written.style, { left: `${left}px`, top: `${top}px`, opacity: away > eye.away ? 0.45 : 1 });
+      const place = beside(thing.written.offsetWidth, across, down), [left, top] = place ?? [0, 0];
+      const visibility = place ? "" : "hidden", opacity = away > eye.away ? 0.45 : 1;
+      Object.assign(thing.written.style, { left: `${left}px`, top: `${top}px`, visibility, opacity });
     }
   }
   function turn(across, up) {

@@ -1,5 +1,6 @@
 // Where names are written over a canvas, by the rule of names.py, in pixels: a test holds the two together.
-// Returns a function that takes a name's width and its place on the screen, and tells the left and top of its box.
+// Returns a function that takes a name's width and its place on the screen, and tells the left and top of its box, or null
+// where there is no room for it.
 window.ronnaplanNames = (canvas) => {
   const LINE = 15, APART = 10; // from one line to the next; from a place to its name
   const taken = [];
@@ -9,7 +10,8 @@ window.ronnaplanNames = (canvas) => {
     const left = right + width <= room ? right : before >= 0 ? before : Math.max(0, room - width);
     const first = Math.max(0, down - APART - LINE);
     const free = (top) => top >= 0 && top + LINE <= canvas.clientHeight && !taken.some((one) => left < one.right && one.left < left + width && top < one.top + LINE && one.top < top + LINE);
-    const top = [0, 1, -1, 2, -2, 3, -3].map((lines) => first + lines * LINE).find(free) ?? first;
+    const top = [0, 1, -1, 2, -2, 3, -3].map((lines) => first + lines * LINE).find(free);
+    if (top === undefined) return null;
     taken.push({ left, right: left + width, top });
     return [left, top];
   };
