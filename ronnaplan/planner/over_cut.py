@@ -15,7 +15,6 @@ from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
 from ronnaplan.planning.contacts import contact_paths
 from ronnaplan.scene.cut import Cut
-from ronnaplan.scene.names import Names
 from ronnaplan.scene.things import MARKER_COLOUR, PROPOSED_COLOUR, REJECTED_COLOUR, TOOL_COLOUR
 from ronnaplan.text import isolated
 
@@ -82,8 +81,9 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
     half = cut.field_mm / 2
     wide, high = (half * share for share in pane.halves)
     names = pane.names(half)  # what stands first below keeps its place
-    markers = names.of_places(_markers(state, cut, show_rejected, (wide, high)))
     paths = [_path(one, cut, pane, one.name == state.look.selected) for one in state.case.plan.trajectories]
+    chosen = names.of_paths([one for one in paths if one["selected"]])
+    markers = names.of_places(_markers(state, cut, show_rejected, (wide, high)))
     return {
         "box": f"{-wide} {-high} {2 * wide} {2 * high}",
         "half": half,
@@ -94,7 +94,7 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
         "title": _title(state, view, cut),
         "cross": _pair(cut, state.look.crosshair_mm) if view in STANDARD_NAMES else None,
         "markers": markers,
-        "paths": named(paths, names),
+        "paths": [*names.of_paths([one for one in paths if not one["selected"]]), *chosen],  # over all others
         "points": names.of_places(
             [one | {"r": half * BESIDE_HALVES} for one in _points(state, cut, (wide, high))]
         ),
@@ -171,12 +171,6 @@ def _markers(
                 | {"selected": selected, "ring": True}
             )
     return drawn
-
-
-def named(paths: list[dict[str, Any]], names: Names) -> list[dict[str, Any]]:
-    """Return paths with their names: the selected one is named first, and last, so that it is drawn over all others."""
-    written = names.of_paths(sorted(paths, key=lambda one: not one["selected"]))
-    return sorted(written, key=lambda one: bool(one["selected"]))
 
 
 def _points(state: PlannerState, cut: Cut, reach_mm: tuple[float, float]) -> list[dict[str, Any]]:

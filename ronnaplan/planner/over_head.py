@@ -8,7 +8,7 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.measuring import BESIDE_HALVES, drawn_rulers
-from ronnaplan.planner.over_cut import BEGUN_COLOUR, POINT_COLOUR, balls, named, proposed
+from ronnaplan.planner.over_cut import BEGUN_COLOUR, POINT_COLOUR, balls, proposed
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
@@ -63,6 +63,8 @@ def over_head(
     points += [_point(camera, label, entry, PROPOSED_COLOUR) for label, entry in proposed(state)]
     points += [_point(camera, one.name, one.tip_mm, TOOL_COLOUR) for one in state.following.seen]
     names = Names(pane.room(1.0))
+    paths = [_path(camera, one, state) for one in state.case.plan.trajectories]
+    chosen = names.of_paths([one for one in paths if one["selected"]])  # what stands first keeps its place
     markers = names.of_places(_markers(state, camera, show_rejected))
     points.append(_point(camera, "", state.look.crosshair_mm, CROSS_COLOUR))
     if state.look.begun_mm is not None:
@@ -71,7 +73,7 @@ def over_head(
         **drawn,
         "title": wanting or _title(state, drawn_here=drawn_here),
         "markers": markers,
-        "paths": named([_path(camera, one, state) for one in state.case.plan.trajectories], names),
+        "paths": [*names.of_paths([one for one in paths if not one["selected"]]), *chosen],  # over all others
         "points": names.of_places([one for one in points if one is not None]),
         "rulers": drawn_rulers(
             state, lambda points: camera.on_screen(points)[:, :2], lambda _: True, names, drawn["half"]

@@ -39,6 +39,23 @@ def test_the_selected_trajectory_is_drawn_over_all_others_and_named_first(
     assert (drawn[-1]["written"]["x"], drawn[-1]["written"]["y"]) == (alone["x"], alone["y"])
 
 
+def test_the_selected_trajectory_is_named_where_markers_leave_no_room(state: PlannerState) -> None:
+    left = state.case.plan.trajectory("left")
+    one, (x, y, z) = state.case.found.fiducials[0], left.entry_mm.tolist()
+    crowd = tuple(
+        one.model_copy(update={"label": f"M{n} at the entry", "center": (x, y, z + 0.7 * n), "diameter_mm": 2.0})
+        for n in range(-30, 30)
+    )
+    state.case.replace_markers(state.case.found.model_copy(update={"fiducials": crowd}))
+    state.look.jump(left.entry_mm)
+    for selected in ("left", "beside"):
+        if selected == "beside":
+            state.case.add(replace(left, name="beside"))
+        state.look.select(selected)
+        drawn = over_cut(state, "coronal", False, Pane())["paths"]
+        assert drawn[-1]["written"]["text"] == selected
+
+
 def lie_across(state: PlannerState) -> None:
     """Lay the path to the left, through the target's axial cut, which is shown."""
     state.case.edit("left", entry_mm=cases.TARGET_MM + np.array([55.0, 0.0, 0.0]))
