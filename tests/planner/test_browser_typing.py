@@ -68,6 +68,11 @@ def test_the_focus_of_what_is_taken_away_is_its_panel_s(page: Any) -> None:
     page.keyboard.press("Enter")
     page.wait_for_selector("text=No trajectory yet")
     page.wait_for_function(f"{FOCUSED} === 'paths'")
+    page.keyboard.press("?")
+    page.keyboard.press("Control+z")  # behind the list of keys nothing is done
+    page.keyboard.press("Escape")
+    page.wait_for_timeout(300)
+    assert value(page, "paths") == []
     page.keyboard.press("Control+z")  # keys do what they do elsewhere
     page.wait_for_selector("[aria-label='remove left']")
 

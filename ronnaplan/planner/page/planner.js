@@ -11,11 +11,12 @@
   // text was entered, or that was only visited, has the focus again where it is made anew for the same thing.
   const entered = new WeakMap();
   let left = null, dropped = false, focused = null;
+  const typing = (field) => field.value !== field.defaultValue && field.value !== entered.get(field);
   window.addEventListener("change", (event) => entered.set(event.target, event.target.value), true);
   window.trame.app.directive("typed", {
     beforeUnmount(field, { value: owner }) {
       if (field === document.activeElement) {
-        dropped = field.value !== field.defaultValue && field.value !== entered.get(field);
+        dropped = typing(field);
         left = dropped ? null : { id: field.id, owner, from: field.selectionStart, to: field.selectionEnd };
       }
       field.value = field.defaultValue;
@@ -258,7 +259,7 @@
     const control = event.ctrlKey || event.metaKey;
     if (field && field.type !== "checkbox") {
       stepped(field, event);
-      if (!control || field.value !== field.defaultValue) return; // what is typed is taken back by the browser
+      if (!control || field.matches("dialog") || typing(field)) return; // what is typed is taken back by the browser
     }
     if (["Tab", "Escape"].includes(event.key)) dropped = false;
     if (dropped) return;
