@@ -263,19 +263,20 @@ def _flags(slices: tuple[SliceImage, ...], grid: SliceGrid) -> list[VolumeFlag]:
     gaps = grid.spacings_mm
     multiples = gaps / grid.typical_gap_mm
     whole = np.round(multiples)
+    filled = _filled_mm(slices)
     missing = (whole >= 2) & (np.abs(multiples - whole) <= MULTIPLE_TOLERANCE * whole)
+    missing &= _times_usual(gaps, filled) >= 2.0 - 2.0 * MULTIPLE_TOLERANCE  # not where all are thicker
     tags = {image.instance.tilt_tag_deg for image in slices} - {None}
     contradict = [abs(abs(tag) - grid.tilt_deg) > TILT_TOLERANCE_DEG for tag in tags if tag is not None]
     along_line = _fraction(grid.slice_positions_mm)
     line = grid.origins_mm[0] + along_line[:, np.newaxis] * (grid.origins_mm[-1] - grid.origins_mm[0])
     makings = {(image.image_type, image.technique, image.instance.description) for image in slices}
     made = [flag for making in sorted(makings) for flag in flags_of(*making)]
-    thickest = max((image.thickness_mm or 0.0) for image in slices)
     doubts = {
         VolumeFlag.LOSSY: any(image.instance.is_lossy for image in slices),
         VolumeFlag.UNEVEN_SPACING: not grid.is_evenly_spaced,
         VolumeFlag.MISSING_SLICE: bool(missing.any()),
-        VolumeFlag.OVERLAPPING: thickest > (1.0 + THICKNESS_TOLERANCE) * float(gaps.min()),
+        VolumeFlag.OVERLAPPING: bool((filled > (1.0 + THICKNESS_TOLERANCE) * gaps).any()),
         VolumeFlag.TILT_CONTRADICTS: any(contradict),
         VolumeFlag.SHEARED: not tags and grid.is_sheared,
         VolumeFlag.SHIFTED_SIDEWAYS: bool(
@@ -287,6 +288,20 @@ def _flags(slices: tuple[SliceImage, ...], grid: SliceGrid) -> list[VolumeFlag]:
         VolumeFlag.NO_FRAME_OF_REFERENCE: slices[0].instance.frame_of_reference_uid is None,
     }
     return [flag for flag, holds in doubts.items() if holds]
+
+
+def _filled_mm(slices: tuple[SliceImage, ...]) -> FloatArray:
+    """How far apart (K - 1,) neighbours lie that touch, by their thickness tags; 0 where these say nothing."""
+    thickness = np.array([image.thickness_mm or 0.0 for image in slices])
+    filled: FloatArray = (thickness[1:] + thickness[:-1]) / 2.0
+    return filled
+
+
+def _times_usual(gaps: FloatArray, filled: FloatArray) -> FloatArray:
+    """Gaps (K - 1,) over what their two slices fill, in terms of what is usual of the scan."""
+    shares = gaps / np.where(filled > 0.0, filled, np.median(gaps))
+    times: FloatArray = shares / np.median(shares)
+    return times
 
 
 def _run_back_s(slices: tuple[SliceImage, ...]) -> float:

@@ -151,6 +151,20 @@ def test_one_gap_a_multiple_of_the_rest_is_a_missing_slice(tmp_path: Path) -> No
     assert volume.flags == (VolumeFlag.UNEVEN_SPACING, VolumeFlag.MISSING_SLICE)
 
 
+@pytest.mark.parametrize(("lost", "flags"), [(None, ()), (6, (VolumeFlag.MISSING_SLICE,))])
+def test_slices_that_become_thicker_neither_overlap_nor_miss_one(
+    tmp_path: Path, lost: int | None, flags: tuple[VolumeFlag, ...]
+) -> None:
+    slices = [(2.0 * k, 2) for k in range(5)] + [(11.0 + 4.0 * k, 4) for k in range(4)]
+    kept = [one for k, one in enumerate(slices) if k != lost]
+
+    def change(made: Dataset, k: int) -> None:
+        made.ImagePositionPatient, made.SliceThickness = [0, 0, kept[k][0]], kept[k][1]
+
+    volume = read_ct(write_series(tmp_path, len(kept), change))
+    assert volume.flags == (VolumeFlag.UNEVEN_SPACING, *flags)
+
+
 def test_overlapping_reconstructions_are_read_and_flagged(tmp_path: Path) -> None:
     volume = read_ct(write_series(tmp_path, change=placed([[0, 0, 0.5 * k] for k in range(4)], SliceThickness=1)))
     assert volume.grid.spacings_mm.tolist() == [0.5, 0.5, 0.5]
