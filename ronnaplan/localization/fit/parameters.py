@@ -39,6 +39,10 @@ SKIN_LEVEL_AT, SKIN_PLACE = -len(SKIN_PARAMETERS), slice(1 - len(SKIN_PARAMETERS
 LEAST_SPREAD_MM2 = 0.01
 """Added to the variance of the blur across the slices, so that no edge is endlessly sharp however thin the slices."""
 
+GAUSSIAN_QUARTILE, HALVINGS = 0.6744897501960817, 40
+"""How far from its middle a Gaussian's edge passes a quartile, in terms of its standard deviation, and in how many
+halvings of an interval that is found for other edges."""
+
 
 def profile_half_mm(width_mm: float, shape: float) -> float:
     """Half the length over which a slice of this profile sees anything."""
@@ -59,3 +63,18 @@ def profile_fwhm_mm(theta: FloatArray) -> float:
 def edge_variance_mm2(theta: FloatArray) -> float:
     """Variance of the blur within the slices: an ``edge`` takes part of the Gaussian's away, or adds to it."""
     return float(theta[BLUR] ** 2 * (1.0 - 2.0 * theta[EDGE]))
+
+
+def softness_mm2(theta: FloatArray) -> float:
+    """Variance of the Gaussian whose edge, within the slices, is as wide between its quartiles as this one.
+
+    A kernel that falls steeply is fitted as well with an ``edge`` below zero as with one above: then the variances of
+    the blur differ far, but the middle of the edge, which is what is seen, does not.
+    """
+    near, far = 0.0, 4.0  # in terms of the blur: the edge's middle, and beyond its quartile
+    for _ in range(HALVINGS):
+        middle = 0.5 * (near + far)
+        risen = 0.5 * math.erf(middle / math.sqrt(2.0))
+        risen += float(theta[EDGE]) * middle * math.exp(-0.5 * middle**2) / math.sqrt(2.0 * math.pi)
+        near, far = (middle, far) if risen < 0.25 else (near, middle)
+    return float((theta[BLUR] * near / GAUSSIAN_QUARTILE) ** 2)
