@@ -139,11 +139,18 @@ def _usual_diameter_mm(balls: Sequence[Examined], stated_mm: float) -> float:
 
 
 def _broadening_mm(balls: Sequence[Examined]) -> tuple[float, NDArray[np.bool_]]:
-    """By how much the balls' slice profiles usually are wider than nominal, and which are unlike the others' (N,)."""
+    """By how much the balls' slice profiles usually are wider than nominal, and which are unlike the others' (N,).
+
+    Where slices lie farther apart in a part of a scan, they are either thicker there, or leave gaps: the profile is as
+    much wider than nominal as elsewhere, or as wide.
+    """
     nominal = np.array([one.thickness_mm for one in balls])  # not everywhere the same where gaps stand for it
-    broadenings = np.array([one.parameters[WIDTH] for one in balls]) - nominal
-    usual = float(np.median(broadenings))
-    return usual, np.abs(broadenings - usual) > np.maximum(ALIKE_MM, ALIKE_SHARE * (nominal + usual))
+    widths = np.array([one.parameters[WIDTH] for one in balls])
+    usual, usual_width = float(np.median(widths - nominal)), float(np.median(widths))
+    off = np.full(len(balls), fill_value=True)
+    for expected in (nominal + usual, np.full(len(balls), usual_width)):
+        off &= np.abs(widths - expected) > np.maximum(ALIKE_MM, ALIKE_SHARE * expected)
+    return usual, off
 
 
 def alike(accepted: Sequence[Examined]) -> list[Examined]:
@@ -153,9 +160,10 @@ def alike(accepted: Sequence[Examined]) -> list[Examined]:
     """
     if len(accepted) < LEAST_TOGETHER:
         return list(accepted)
-    broadening_mm, off = _broadening_mm(accepted)
+    _, off = _broadening_mm(accepted)
+    others_mm = float(np.median([one.parameters[WIDTH] for one in accepted]))
     judged = [
-        _unlike(one, _off_profile(one, broadening_mm)) if is_off else one
+        _unlike(one, _off_profile(one, others_mm)) if is_off else one
         for one, is_off in zip(accepted, off, strict=True)
     ]
     return _as_round(_as_sharp(judged))
@@ -174,9 +182,8 @@ def _unlike(one: Examined, reason: str) -> Examined:
     return replace(one, failures=(("alike", reason),))
 
 
-def _off_profile(one: Examined, broadening_mm: float) -> str:
-    width_mm, others_mm = one.parameters[WIDTH], one.thickness_mm + broadening_mm
-    return f"its ends are blurred over {width_mm:.1f} mm, the others' over {others_mm:.1f} mm"
+def _off_profile(one: Examined, others_mm: float) -> str:
+    return f"its ends are blurred over {one.parameters[WIDTH]:.1f} mm, the others' over {others_mm:.1f} mm"
 
 
 def _as_sharp(judged: Sequence[Examined]) -> list[Examined]:

@@ -115,6 +115,19 @@ def test_what_is_softer_than_the_others_is_none_unless_metal_is_clipped(ball: Ex
     assert all(one.is_marker for one in alike([*others[:1], egg]))  # of two nobody knows
 
 
+def test_slices_that_lie_farther_apart_in_a_part_of_a_scan_may_be_thicker_there_or_leave_gaps(
+    ball: Examined,
+) -> None:
+    """Of slices of 1 mm, first every millimetre and then every other, balls among the former were turned down."""
+    near = [replace(at(ball, 20.0 * n, width=1.0), thickness_mm=1.0) for n in range(3)]
+    gapped = [replace(at(ball, 20.0 * n, width=1.0), thickness_mm=2.0) for n in range(3, 11)]
+    thick = [replace(at(ball, 20.0 * n, width=3.0), thickness_mm=3.0) for n in range(3, 11)]
+    assert all(one.is_marker for one in alike([*near, *gapped]))
+    assert all(one.is_marker for one in alike([*near, *thick]))
+    egg = replace(at(ball, 300.0, width=2.0), thickness_mm=1.0)
+    assert "over 2.0 mm, the others' over 1.0 mm" in alike([*near, *gapped, egg])[-1].failures[0][1]
+
+
 def test_a_steep_kernel_that_is_fitted_now_one_way_now_the_other_makes_no_ball_softer(ball: Examined) -> None:
     """Nine balls were fitted as overshooting and seven, as close, with long tails, which were turned down."""
     overshooting = [at(ball, 20.0 * n, blur=0.869, edge=0.62) for n in range(9)]
