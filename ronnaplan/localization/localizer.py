@@ -252,6 +252,7 @@ def _fiducial(label: str, one: Examined, scan: Scan, profile_mm: float, *, has_m
     Slices that the header says touch do not leave gaps: few markers, or such as are clipped, tell a profile badly.
     """
     seen_mm = max(profile_mm, scan.volume.grid.thickness_mm or 0.0)
+    gap_mm = scan.gap_across_mm(one.center_mm, one.diameter_mm / 2.0)
     flags = {
         FiducialFlag.CUT: one.unseen > 0,
         FiducialFlag.NEIGHBOUR: one.coverage < NEIGHBOUR_COVERAGE,
@@ -260,7 +261,7 @@ def _fiducial(label: str, one: Examined, scan: Scan, profile_mm: float, *, has_m
         FiducialFlag.COVERED: one.is_covered,
         FiducialFlag.MOTION_SUSPECTED: has_moved,
         FiducialFlag.THICK_SLICES: profile_mm > one.stated_mm / 2.0,
-        FiducialFlag.GAPPED: scan.gap_mm > TOUCHING_SLICES * seen_mm,
+        FiducialFlag.GAPPED: gap_mm > TOUCHING_SLICES * seen_mm,
     }
     return Fiducial(
         label=label,

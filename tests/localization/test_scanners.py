@@ -256,3 +256,13 @@ def test_balls_are_found_wherever_they_lie_between_slices_of_seven_mm() -> None:
 def test_overlapping_slices_whose_tag_is_the_pixels_size_show_their_balls() -> None:
     found = localize(scanned(balls([CENTER]), "trapezoid", 5.0, 1.1, 0.5, 2.5), diameter_mm=11.5, expected=1)
     assert error_mm(found, CENTER) < 0.05
+
+
+def test_gaps_are_told_of_the_markers_that_they_meet() -> None:
+    """All markers of a scan were flagged for one slice that was missing far from them."""
+    volume = scanned(balls([(0.4, -9.1, 1.2), (-16.0, 4.3, -10.7), (15.2, 6.4, 15.0)]), "box", 1.25, 1.0, 1.25)
+    grid = volume.grid
+    kept = np.flatnonzero((grid.slice_positions_mm < 8.0) | (np.arange(len(grid.origins_mm)) % 2 == 0))
+    thinned = replace(grid, origins_mm=grid.origins_mm[kept])
+    found = localize(CTVolume(volume.voxels_hu[kept], thinned), diameter_mm=11.5, expected=3)  # from the top
+    assert [FiducialFlag.GAPPED in one.flags for one in found] == [True, False, False]

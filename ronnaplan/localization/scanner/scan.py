@@ -88,6 +88,13 @@ class Scan:
         """Widest distance between neighbouring slices."""
         return float(self.volume.grid.spacings_mm.max(initial=0.0))
 
+    def gap_across_mm(self, center_mm: FloatArray, radius_mm: float) -> float:
+        """Widest distance between neighbouring slices that a ball of this radius at ``center_mm`` (3,) reaches into."""
+        grid = self.volume.grid
+        heights_mm = grid.slice_positions_mm - center_mm @ grid.normal
+        reaches = (heights_mm[1:] > -radius_mm) & (heights_mm[:-1] < radius_mm)
+        return float(grid.spacings_mm[reaches].max(initial=0.0))
+
     @cached_property
     def is_computed(self) -> bool:
         """Whether its slices were computed from others, of which none is left."""
