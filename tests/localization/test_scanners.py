@@ -266,3 +266,16 @@ def test_gaps_are_told_of_the_markers_that_they_meet() -> None:
     thinned = replace(grid, origins_mm=grid.origins_mm[kept])
     found = localize(CTVolume(volume.voxels_hu[kept], thinned), diameter_mm=11.5, expected=3)  # from the top
     assert [FiducialFlag.GAPPED in one.flags for one in found] == [True, False, False]
+
+
+def test_balls_are_found_where_slices_are_several_times_as_thick_as_in_the_rest_of_the_scan() -> None:
+    """The search averaged slices by how near most of them lie, which left nothing of a ball between thick ones."""
+    volume = scanned(balls([(15.2, 6.4, 4.0), (0.4, -9.1, -11.0), (-16.0, 4.3, -11.5)]), "box", 0.6, 1.0, None)
+    origins_mm = volume.grid.origins_mm
+    below = int(np.searchsorted(volume.grid.slice_positions_mm, -4.0))
+    above = [slice(first, first + 5) for first in range(below, len(origins_mm) - 4, 5)]
+    thick = [np.round(volume.voxels_hu[part].mean(axis=0)).astype(np.int16) for part in above]
+    places_mm = [*origins_mm[:below], *(origins_mm[part].mean(axis=0) for part in above)]
+    grid = replace(volume.grid, origins_mm=np.array(places_mm))
+    found = localize(CTVolume(np.stack([*volume.voxels_hu[:below], *thick]), grid), diameter_mm=11.5, expected=3)
+    assert error_mm(found, (15.2, 6.4, 4.0)) < 0.03

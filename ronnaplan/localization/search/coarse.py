@@ -44,9 +44,13 @@ def coarsen(volume: CTVolume, voxel_mm: float) -> CTVolume:
 
 
 def blocks(volume: CTVolume, voxel_mm: float) -> Blocks:
-    """Return how many slices, rows and columns of a scan, of which there are so many, make one voxel so coarse."""
+    """Return how many slices, rows and columns of a scan, of which there are so many, make one voxel so coarse.
+
+    Where the slices of a part lie farther apart, no more are taken than make a voxel there.
+    """
     grid = volume.grid
-    sizes_mm = grid.typical_gap_mm, grid.row_spacing_mm, grid.column_spacing_mm
+    gap_mm = grid.typical_gap_mm if grid.is_evenly_spaced else float(grid.spacings_mm.max())
+    sizes_mm = gap_mm, grid.row_spacing_mm, grid.column_spacing_mm
     by_k, by_j, by_i = (
         min(max(1, int(voxel_mm / size_mm)), count)
         for size_mm, count in zip(sizes_mm, volume.voxels_hu.shape, strict=True)
