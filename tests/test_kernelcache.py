@@ -55,7 +55,7 @@ def mixed(n: int) -> tuple[int, float, int]:
     seen = {}
     chosen = set()
     for k in range(n):
-        seen[str(k)] = k
+        seen[k] = k
         chosen.add(k % 3)
     solved = np.linalg.solve(np.eye(n) * 2.0, np.ones(n))
     if n > 9:
