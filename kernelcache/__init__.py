@@ -35,6 +35,10 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 UNREADABLE = (pickle.UnpicklingError, EOFError, AttributeError, ImportError, IndexError, TypeError, ValueError)
 """What reading an index ends in that was cut off, or names a type that another version has no more."""
 
+PATIENCE_S = 60.0
+"""So long a process waits for another that compiles a kernel, which takes some seconds: that may hang, or have left a
+lock behind where the system knows none."""
+
 NO_MORE: dict[str, Any] = {"no_cfunc_wrapper": True}
 """Nobody calls a kernel from C; numba would compile a tenth longer for that."""
 
@@ -187,5 +191,6 @@ class Copies(caching.FunctionCache):
                     from filelock import FileLock
 
                     self._impl.locator.ensure_cache_path()
-                    stack.enter_context(FileLock(Path(self._cache_path) / f"{self._impl.filename_base}.lock"))
+                    lock = Path(self._cache_path) / f"{self._impl.filename_base}.lock"
+                    stack.enter_context(FileLock(lock, timeout=PATIENCE_S))
             yield

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from filelock import FileLock
 
 from kernelcache import njit
 
@@ -158,6 +159,17 @@ def test_a_constant_that_is_handed_on_compiles_no_kernel_of_its_own(tmp_path: Pa
     (tmp_path / "counting.py").write_text(COUNTING)
     assert told(tmp_path, "counting.py") == "5 1 1"
     assert told(tmp_path, "counting.py") == "5 1 0"
+
+
+def test_who_waits_too_long_for_a_process_that_hangs_compiles_for_itself(tmp_path: Path) -> None:
+    (tmp_path / "counting.py").write_text(COUNTING)
+    assert told(tmp_path, "counting.py") == "5 1 1"
+    (lock,) = (tmp_path / "__pycache__").glob("counting.added*.lock")
+    for copy in lock.parent.glob("counting.added*.nb*"):
+        copy.unlink()
+    (tmp_path / "hasty.py").write_text("import kernelcache\nkernelcache.PATIENCE_S = 0.2\nimport counting\n")
+    with FileLock(lock):
+        assert told(tmp_path, "hasty.py") == "5 1 1"
 
 
 def test_of_processes_that_want_a_kernel_at_once_one_compiles_it(tmp_path: Path) -> None:
