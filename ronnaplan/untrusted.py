@@ -17,6 +17,8 @@ from ronnaplan.text import LONGEST_NUMBER, MOST_DIGITS, printable
 Model = TypeVar("Model", bound=BaseModel)
 
 TOO_DEEP = "it is nested too deeply"
+PARSER_TOO_DEEP = "Invalid JSON: recursion limit exceeded"
+"""How pydantic's parser says so, which reads fewer levels than Python's own."""
 
 
 def read_whole(path: str | os.PathLike[str], most_bytes: int, *, expected: str) -> bytes:
@@ -77,7 +79,8 @@ def checked(content: Any, model: type[Model]) -> Model:
         # by way of a text, since pydantic's strict mode knows JSON's types (a list for a tuple) only there
         return model.model_validate_json(json.dumps(content), strict=True)
     except ValidationError as error:
-        raise ValueError(first_fault(error)) from error
+        is_deep = PARSER_TOO_DEEP in error.errors(include_url=False)[0]["msg"]
+        raise ValueError(TOO_DEEP if is_deep else first_fault(error)) from error
     except RecursionError as error:
         raise ValueError(TOO_DEEP) from error
 

@@ -20,10 +20,14 @@ class Database:
 
     def __init__(self, path: Path, schema: str) -> None:
         self._connection = sqlite3.connect(path, timeout=WAIT_S, isolation_level=None, check_same_thread=False)
-        self._connection.execute("PRAGMA journal_mode = WAL")
-        self._connection.execute("PRAGMA synchronous = FULL")
-        self._connection.execute("PRAGMA foreign_keys = ON")
-        self._connection.executescript(schema)
+        try:
+            self._connection.execute("PRAGMA journal_mode = WAL")
+            self._connection.execute("PRAGMA synchronous = FULL")
+            self._connection.execute("PRAGMA foreign_keys = ON")
+            self._connection.executescript(schema)
+        except sqlite3.Error:  # no database, or a full disk
+            self.close()
+            raise
 
     def close(self) -> None:
         """Let go of the file."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sqlite3
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import pytest
 
 from ronnaplan.cli import main
 from ronnaplan.cohort.cohort import Counts, run_cohort
-from ronnaplan.cohort.index import Index
+from ronnaplan.cohort.index import FILE, Index
 from ronnaplan.cohort.rules import CohortRule, Rules
 from ronnaplan.errors import InputError
 from tests.cohort.runs import FAKE, RULE, begun, cohort, parquet, table
@@ -97,6 +98,22 @@ def test_a_folder_that_cannot_be_used_is_told(tmp_path: Path, monkeypatch: pytes
     (tmp_path / "out" / "cohort.lock").mkdir()
     with pytest.raises(InputError, match=r"cannot write .*cohort\.lock"):
         cohort(tmp_path)
+
+
+def test_a_damaged_index_is_let_go_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / FILE).write_bytes(b"damaged" * 1000)
+    opened: list[sqlite3.Connection] = []
+    connect = sqlite3.connect
+
+    def remembered(*args: Any, **kwargs: Any) -> sqlite3.Connection:
+        opened.append(connect(*args, **kwargs))
+        return opened[0]
+
+    monkeypatch.setattr(sqlite3, "connect", remembered)
+    with pytest.raises(sqlite3.DatabaseError, match="not a database"):
+        Index(tmp_path)
+    with pytest.raises(sqlite3.ProgrammingError, match="closed"):
+        opened[0].execute("SELECT 1")
 
 
 def test_one_file_is_counted_as_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -87,6 +87,7 @@ def test_what_is_no_room_is_refused(old: str, new: str, sentence: str, tmp_path:
     ("text", "sentence"),
     [
         ("x = " + "[" * 20_000, "is no room .it is nested too deeply"),
+        (f"x = {'[' * 300}{']' * 300}", "is no room .it is nested too deeply"),
         (TABLES_IN_LISTS, "is no room .it is nested too deeply"),
         (f"version = 1\n{'.'.join('a' * 3_000)} = 1", "is no room .line 2 holds more than 600 dots"),
         (f"x = {{{'.'.join('a' * 3_000)} = 1}}", "is no room .line 1 holds more than 600 dots"),
