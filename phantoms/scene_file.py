@@ -285,6 +285,8 @@ def _parsed(path: Path) -> dict[str, Any]:
 def _first(error: ValidationError) -> str:
     """Return the first fault as ``where: what``."""
     fault: Any = error.errors()[0]
+    if fault["type"] == "json_invalid":  # made here: only levels beyond those that pydantic reads are wrong
+        return "it is nested too deeply; expected a scene file"
     where = ".".join(str(step) for step in fault["loc"])
     return f"{where}: {fault['msg'][0].lower()}{fault['msg'][1:]}; see docs/phantoms.md for what a scene may hold"
 

@@ -146,6 +146,7 @@ def test_a_whole_scene_is_read(write) -> None:  # type: ignore[no-untyped-def]
         (MINIMAL + '[[decoy]]\nkind = "egg"\ndirection = [0, 0, 1]\n', "unknown decoy 'egg'"),
         ("name = ", "is not TOML"),
         ("x = " + "[" * 20_000, "is nested too deeply; expected a scene file"),
+        (f"x = {'[' * 300}{']' * 300}", "is nested too deeply; expected a scene file"),
         ("x = " + ("{" + "a." * 99 + "a = [\n") * 30 + "]}" * 30, "is nested too deeply; expected a scene file"),
         (f"{'.'.join('a' * 3_000)} = 1", "has a line of more than 600 dots; expected a scene file"),
         ("#" * 300_000, "is larger than 262144 bytes; expected a scene file"),
