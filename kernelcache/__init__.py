@@ -104,8 +104,12 @@ def _never_stale(locator: type) -> type:
 
 
 def imported(namespace: Mapping[str, Any]) -> str:
-    """Return a digest of what a module's ``namespace`` holds of other modules and a kernel may contain."""
-    told = (f"{name}={_told(value, namespace['__name__'])}" for name, value in sorted(namespace.items()))
+    """Return a digest of what a module's ``namespace`` holds of other modules and a kernel may contain.
+
+    Where the module lies is no part of that: in a folder that was moved, or copied, the copies count as before.
+    """
+    own = sorted((name, value) for name, value in namespace.items() if not name.startswith("__"))
+    told = (f"{name}={_told(value, namespace['__name__'])}" for name, value in own)
     return hashlib.sha256("\n".join(told).encode()).hexdigest()
 
 

@@ -5,16 +5,22 @@ from __future__ import annotations
 import ast
 import os
 import re
+import shutil
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from importlib import invalidate_caches
 from pathlib import Path
 from typing import Any
 
 import pytest
 from filelock import FileLock
 
+import kernelcache
 from kernelcache import njit
+
+Anew = Callable[[str], str]
 
 MODULES = {
     "__init__": "",
@@ -80,11 +86,35 @@ def pack(tmp_path: Path) -> Path:
     return folder
 
 
-def told(folder: Path, *arguments: str) -> str:
+@pytest.fixture
+def anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Iterator[Anew]:
+    """Runs a line of Python as a new process would, for which none of the modules beneath was imported before.
+
+    A process of its own takes a second to begin to compile, which is longer than these kernels take.
+    """
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # it would be taken for a source's that changed at once
+
+    def forget() -> None:
+        for name in [name for name in sys.modules if name.split(".")[0] in ("pack", "counting")]:
+            del sys.modules[name]
+        kernelcache._module.cache_clear()
+        invalidate_caches()
+
+    def printed(line: str) -> str:
+        forget()
+        exec(line, {})
+        return capsys.readouterr().out.strip()
+
+    yield printed
+    forget()
+
+
+def told(folder: Path, script: str) -> str:
     """What Python prints in a new process."""
     paths = [str(folder), str(Path(__file__).parents[1])]
     return subprocess.run(
-        [sys.executable, *arguments],
+        [sys.executable, script],
         cwd=folder,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(paths), "PYTHONDONTWRITEBYTECODE": "1"},
         capture_output=True,
@@ -93,26 +123,30 @@ def told(folder: Path, *arguments: str) -> str:
     ).stdout.strip()
 
 
-def answer(pack: Path) -> tuple[float, int]:
-    """What a new process computes, and how often it took a copy from the disk."""
-    value, hits = told(pack.parent, "-c", RUN).split()
-    return float(value), int(hits)
-
-
 def change(path: Path, old: str, new: str) -> None:
     path.write_text(path.read_text().replace(old, new))
 
 
-def test_a_copy_is_made_anew_where_a_constant_or_a_kernel_of_another_module_changed(pack: Path) -> None:
-    assert answer(pack) == (16.0, 0)
+def test_a_copy_is_made_anew_where_a_constant_or_a_kernel_of_another_module_changed(
+    pack: Path, anew: Anew
+) -> None:
+    assert anew(RUN) == "16.0 0"
     change(pack / "aside.py", "nothing", "still nothing")
-    assert answer(pack) == (16.0, 1)
+    assert anew(RUN) == "16.0 1"
     change(pack / "constants.py", "FACTOR = 2.0", "FACTOR = 5.0")  # two kernels further down
-    assert answer(pack) == (25.0, 0)
+    assert anew(RUN) == "25.0 0"
     change(pack / "deep.py", "FACTOR * x", "FACTOR - x")
-    assert answer(pack) == (12.0, 0)
+    assert anew(RUN) == "12.0 0"
     change(pack / "constants.py", "10.0", "20.0")
-    assert answer(pack) == (22.0, 0)
+    assert anew(RUN) == "22.0 0"
+
+
+def test_a_copy_counts_in_a_folder_that_was_moved(pack: Path, anew: Anew, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert anew(RUN) == "16.0 0"
+    monkeypatch.syspath_prepend(pack.parent / "moved")
+    shutil.copytree(pack, pack.parent / "moved" / "pack")
+    shutil.rmtree(pack)
+    assert anew(RUN) == "16.0 1"
 
 
 def test_a_copy_runs_as_before_and_loads_nothing_that_only_compiling_takes(tmp_path: Path) -> None:
@@ -122,21 +156,21 @@ def test_a_copy_runs_as_before_and_loads_nothing_that_only_compiling_takes(tmp_p
     assert told(tmp_path, "mixed.py") == "7, 2.0, 3, 1, False, 4.0"
 
 
-def test_an_index_that_names_a_type_of_another_version_is_no_index(pack: Path) -> None:
+def test_an_index_that_names_a_type_of_another_version_is_no_index(pack: Path, anew: Anew) -> None:
     """It ended in a traceback: numba reads the whole index before it asks whether it is stale."""
     (pack / "shapes.py").write_text(
         "from typing import NamedTuple\nfrom kernelcache import njit\nclass Arm(NamedTuple):\n    reach: float\n"
         "@njit(cache=True)\ndef reached(arm: Arm) -> float:\n    return 2.0 * arm.reach\n"
     )
     run = "import pack.shapes as s; print(s.reached(s.{}(3.0)), sum(s.reached.stats.cache_hits.values()))"
-    assert told(pack.parent, "-c", run.format("Arm")) == "6.0 0"
-    assert told(pack.parent, "-c", run.format("Arm")) == "6.0 1"
+    assert anew(run.format("Arm")) == "6.0 0"
+    assert anew(run.format("Arm")) == "6.0 1"
     shapes = (pack / "shapes.py").read_text()
     (pack / "shapes.py").write_text(shapes.replace("Arm", "Robot"))
-    assert told(pack.parent, "-c", run.format("Robot")) == "6.0 0"
+    assert anew(run.format("Robot")) == "6.0 0"
     for index in pack.rglob("*.nbi"):
         index.write_bytes(index.read_bytes()[:20])
-    assert told(pack.parent, "-c", run.format("Robot")) == "6.0 0"
+    assert anew(run.format("Robot")) == "6.0 0"
 
 
 COUNTING = """
@@ -154,22 +188,24 @@ print(counted(3), len(added.signatures), sum(added.stats.cache_misses.values()))
 """
 
 
-def test_a_constant_that_is_handed_on_compiles_no_kernel_of_its_own(tmp_path: Path) -> None:
+def test_a_constant_that_is_handed_on_compiles_no_kernel_of_its_own(tmp_path: Path, anew: Anew) -> None:
     """There were four: for a count that is 0, or any, by 1 or by 2."""
     (tmp_path / "counting.py").write_text(COUNTING)
-    assert told(tmp_path, "counting.py") == "5 1 1"
-    assert told(tmp_path, "counting.py") == "5 1 0"
+    assert anew("import counting") == "5 1 1"
+    assert anew("import counting") == "5 1 0"
 
 
-def test_who_waits_too_long_for_a_process_that_hangs_compiles_for_itself(tmp_path: Path) -> None:
+def test_who_waits_too_long_for_a_process_that_hangs_compiles_for_itself(
+    tmp_path: Path, anew: Anew, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "counting.py").write_text(COUNTING)
-    assert told(tmp_path, "counting.py") == "5 1 1"
+    assert anew("import counting") == "5 1 1"
     (lock,) = (tmp_path / "__pycache__").glob("counting.added*.lock")
     for copy in lock.parent.glob("counting.added*.nb*"):
         copy.unlink()
-    (tmp_path / "hasty.py").write_text("import kernelcache\nkernelcache.PATIENCE_S = 0.2\nimport counting\n")
+    monkeypatch.setattr(kernelcache, "PATIENCE_S", 0.2)
     with FileLock(lock):
-        assert told(tmp_path, "hasty.py") == "5 1 1"
+        assert anew("import counting") == "5 1 1"
 
 
 def test_of_processes_that_want_a_kernel_at_once_one_compiles_it(tmp_path: Path) -> None:
