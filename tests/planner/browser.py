@@ -101,15 +101,45 @@ def chromium(*flags: str) -> Iterator[Any]:
 
 def opened(browser: Any, url: str, width: int = 1280, height: int = 800, script: str = "") -> Any:
     """A tab that shows the planner whole, after a ``script``; remembers in ``page.requested`` what it asked for."""
-    page = browser.new_page(viewport={"width": width, "height": height})
-    page.set_default_timeout(PATIENCE_MS)
-    page.add_init_script(script)
+    page = _tab(browser, script)
+    page.set_viewport_size({"width": width, "height": height})
     page.requested = []
-    page.on("request", lambda request: page.requested.append(request.url))
-    page.on("websocket", lambda socket: page.requested.append(socket.url))
     page.goto(url)
     wait_until_whole(page)
     return page
+
+
+def _tab(browser: Any, script: str) -> Any:
+    """An empty tab: one that was left, or a new one with its ``script``."""
+    left = [page for context in browser.contexts for page in context.pages if getattr(page, "is_left", False)]
+    if left and not script:
+        left[0].is_left = False
+        return left[0]
+    page = browser.new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    page.add_init_script(script)
+    page.may_be_left, page.is_left = not script, False
+    page.on("request", lambda request: page.requested.append(request.url))
+    page.on("websocket", lambda socket: page.requested.append(socket.url))
+    return page
+
+
+def leave(context: Any) -> None:
+    """Empty a tab that was `opened` for the next test: a new one takes a browser more than the planner's page does.
+
+    Any other is closed.
+    """
+    if not all(getattr(page, "may_be_left", False) for page in context.pages):
+        context.close()
+        return
+    for page in context.pages:
+        if page.is_left:  # and was not opened since
+            continue
+        page.evaluate("localStorage.clear()")
+        page.goto("about:blank")
+        page.mouse.move(0, 0)
+        page.is_left = True
+    context.clear_cookies()
 
 
 def wait_until_whole(page: Any) -> None:

@@ -11,7 +11,7 @@ import pytest
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
 from tests import cases
-from tests.planner.browser import Planner, chromium, planner
+from tests.planner.browser import Planner, chromium, leave, planner
 
 
 @pytest.fixture
@@ -35,10 +35,10 @@ def running_browser() -> Iterator[Any]:
 
 @pytest.fixture
 def browser(running_browser: Any) -> Iterator[Any]:
-    """A browser whose tabs are closed after the test."""
+    """A browser whose tabs are closed, or emptied, after the test."""
     yield running_browser
     for context in running_browser.contexts:
-        context.close()
+        leave(context)
 
 
 @pytest.fixture

@@ -136,8 +136,8 @@ def test_what_was_done_is_found_again_after_reload_and_after_a_crash(
         eventually(page, lambda: page.locator("#target-x").count() > 0 and fields(page, "target") == after)
 
 
-def test_two_tabs_show_one_plan_each_where_it_looks(browser: Any, running: Planner) -> None:
-    first, second = opened(browser, running.url), opened(browser, running.url)
+def test_two_tabs_show_one_plan_each_where_it_looks(browser: Any, kept: Planner) -> None:
+    first, second = opened(browser, kept.url), opened(browser, kept.url)
     held = value(second, "drawn_axial")["cross"]
     first.click("text=brain")
     first.click(".rp-bar >> text=four")

@@ -19,8 +19,8 @@ FOCUSED = "document.activeElement.id"
 
 
 @pytest.fixture
-def page(browser: Any, running: Planner) -> Any:
-    return opened(browser, running.url)
+def page(browser: Any, kept: Planner) -> Any:
+    return opened(browser, kept.url)
 
 
 def enter(page: Any, field: str, text: str, key: str = "Enter") -> None:
@@ -35,8 +35,48 @@ def enter(page: Any, field: str, text: str, key: str = "Enter") -> None:
 
 
 @needs_browser
-def test_the_focus_stays_in_the_field_in_which_something_was_entered(page: Any, running: Planner) -> None:
-    plan = running.folder / "plan.json"
+def test_the_focus_of_what_is_taken_away_is_its_panel_s(page: Any) -> None:
+    page.locator("[aria-label='remove left']").focus()
+    page.keyboard.press("Enter")
+    page.wait_for_selector("text=No trajectory yet")
+    page.wait_for_function(f"{FOCUSED} === 'paths'")
+    page.keyboard.press("?")
+    page.keyboard.press("Control+z")  # behind the list of keys nothing is done
+    page.keyboard.press("Escape")
+    page.wait_for_timeout(300)
+    assert value(page, "paths") == []
+    page.keyboard.press("Control+z")  # keys do what they do elsewhere
+    page.wait_for_selector("[aria-label='remove left']")
+
+
+@needs_browser
+def test_three_coordinates_are_pasted_into_one_field(page: Any, kept: Planner) -> None:
+    enter(page, "#target-y", "(11.5, 6, -2.25e1)")
+    assert fields(page, "target") == [11.5, 6.0, -22.5]
+    assert page.evaluate(FOCUSED) == "target-y"
+
+
+@needs_browser
+def test_what_is_typed_on_after_another_hand_changed_the_field_is_no_key(page: Any, kept: Planner) -> None:
+    plan = kept.folder / "plan.json"
+    page.locator("#notes").focus()
+    page.keyboard.type("half a ")
+    change_plan(plan, lambda plan: plan.edit("left", notes="theirs"))
+    page.wait_for_function("document.getElementById('notes').value === 'theirs'")
+    page.keyboard.type("sda3")
+    page.keyboard.press("Delete")
+    page.keyboard.press("Tab")
+    assert value(page, "look")["window"] == "bone"
+    assert not value(page, "look")["adding"]
+    assert len(read_plan(plan).trajectories) == 1
+    page.locator("#add").focus()
+    page.keyboard.press("3")
+    eventually(page, lambda: value(page, "look")["window"] == "wide")
+
+
+@needs_browser
+def test_the_focus_stays_in_the_field_in_which_something_was_entered(page: Any, kept: Planner) -> None:
+    plan = kept.folder / "plan.json"
     enter(page, "#entry-x", "30.5")
     assert page.evaluate(FOCUSED) == "entry-x"
     enter(page, "#entry-x", "12,5")  # a browser's own field for numbers makes 125 of it
@@ -60,46 +100,6 @@ def test_the_focus_stays_in_the_field_in_which_something_was_entered(page: Any, 
     page.keyboard.press("Enter")
     page.wait_for_selector("[aria-label='reject nose']")
     assert page.evaluate(FOCUSED) == "marker-1"
-
-
-@needs_browser
-def test_the_focus_of_what_is_taken_away_is_its_panel_s(page: Any) -> None:
-    page.locator("[aria-label='remove left']").focus()
-    page.keyboard.press("Enter")
-    page.wait_for_selector("text=No trajectory yet")
-    page.wait_for_function(f"{FOCUSED} === 'paths'")
-    page.keyboard.press("?")
-    page.keyboard.press("Control+z")  # behind the list of keys nothing is done
-    page.keyboard.press("Escape")
-    page.wait_for_timeout(300)
-    assert value(page, "paths") == []
-    page.keyboard.press("Control+z")  # keys do what they do elsewhere
-    page.wait_for_selector("[aria-label='remove left']")
-
-
-@needs_browser
-def test_what_is_typed_on_after_another_hand_changed_the_field_is_no_key(page: Any, running: Planner) -> None:
-    plan = running.folder / "plan.json"
-    page.locator("#notes").focus()
-    page.keyboard.type("half a ")
-    change_plan(plan, lambda plan: plan.edit("left", notes="theirs"))
-    page.wait_for_function("document.getElementById('notes').value === 'theirs'")
-    page.keyboard.type("sda3")
-    page.keyboard.press("Delete")
-    page.keyboard.press("Tab")
-    assert value(page, "look")["window"] == "bone"
-    assert not value(page, "look")["adding"]
-    assert len(read_plan(plan).trajectories) == 1
-    page.locator("#add").focus()
-    page.keyboard.press("3")
-    eventually(page, lambda: value(page, "look")["window"] == "wide")
-
-
-@needs_browser
-def test_three_coordinates_are_pasted_into_one_field(page: Any, running: Planner) -> None:
-    enter(page, "#target-y", "(11.5, 6, -2.25e1)")
-    assert fields(page, "target") == [11.5, 6.0, -22.5]
-    assert page.evaluate(FOCUSED) == "target-y"
 
 
 @pytest.mark.parametrize("typed", ["11.5, 6, 21", "11.5,6,21", "11.5 6 21", "[11.5; 6; 21]"])
