@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,7 +126,9 @@ def render_hu(
     generator = np.random.default_rng(seed)
     for k, image in enumerate(images):
         blurred = ndimage.gaussian_filter(image, blur_mm / stack.pixel_mm, mode="nearest") if blur_mm else image
-        images[k] = blurred + noise_hu * textured_noise(generator, blurred.shape, stack.pixel_mm)
+        images[k] = blurred
+        if noise_hu:
+            images[k] += noise_hu * textured_noise(generator, blurred.shape, stack.pixel_mm)
     return images
 
 
@@ -135,10 +138,16 @@ def textured_noise(generator: np.random.Generator, shape: tuple[int, int], pixel
     The shape is that of standard-kernel head CT (cf. Kijewski & Judy, Phys Med Biol 32, 1987).
     """
     white = generator.standard_normal(shape)
+    colored: FloatArray = fft.irfft2(fft.rfft2(white) * _amplitude(shape, pixel_mm), s=shape)
+    colored /= colored.std()
+    return colored
+
+
+@lru_cache(maxsize=1)  # all slices of a stack are alike
+def _amplitude(shape: tuple[int, int], pixel_mm: float) -> FloatArray:
+    """Return the root of the noise's spectrum, as `scipy.fft.rfft2` lays it out."""
     v = fft.fftfreq(shape[0], pixel_mm)[:, np.newaxis]
     u = fft.rfftfreq(shape[1], pixel_mm)[np.newaxis, :]
     frequency = np.hypot(u, v)
-    amplitude = np.sqrt(frequency) * np.exp(-((frequency / 0.45) ** 2) / 2)
-    colored: FloatArray = fft.irfft2(fft.rfft2(white) * amplitude, s=shape)
-    colored /= colored.std()
-    return colored
+    amplitude: FloatArray = np.sqrt(frequency) * np.exp(-((frequency / 0.45) ** 2) / 2)
+    return amplitude

@@ -33,9 +33,10 @@ RECTANGLE = [(60.0, 40.0, 28.0), (-60.0, 40.0, 28.0), (-60.0, -40.0, 28.0), (60.
 """A half turn maps these markers onto each other: the readings alone cannot tell which is which."""
 
 
-@pytest.fixture
-def ambiguous(folder: Path) -> Iterator[Planner]:
-    found = cases.fiducials()
+@pytest.fixture(scope="module")
+def ambiguous(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Planner]:
+    """A planner that names the patient, and whose readings do not tell which marker is which."""
+    folder, found = cases.write_case(tmp_path_factory.mktemp("ambiguous")), cases.fiducials()
     few = tuple(
         one.model_copy(update={"center": place}) for one, place in zip(found.fiducials, RECTANGLE, strict=False)
     )
@@ -44,7 +45,7 @@ def ambiguous(folder: Path) -> Iterator[Planner]:
     seen = cases.TURN.apply(np.array(RECTANGLE)) + cases.SHIFT_MM
     rows = [f"{name},{x},{y},{z}" for name, (x, y, z) in zip("abcd", seen, strict=True)]
     (folder / "readings.csv").write_text("\n".join(["label,x,y,z", *rows]) + "\n")
-    with planner(folder) as one:
+    with planner(folder, "--patient") as one:
         yield one
 
 
@@ -63,10 +64,8 @@ def marker_at(page: Any, view: str, label: str) -> tuple[float, float]:
     return seen_at(page, view, (one["x"] / drawn["half"], one["y"] / drawn["half"]))
 
 
-def test_an_ambiguity_is_settled_by_clicks_on_a_marker_and_a_reading(
-    browser: Any, ambiguous: Planner, folder: Path
-) -> None:
-    page = with_head(opened(browser, ambiguous.url))
+def test_an_ambiguity_is_settled_by_clicks_on_a_marker_and_a_reading(browser: Any, ambiguous: Planner) -> None:
+    page, folder = with_head(opened(browser, ambiguous.url)), ambiguous.folder
     page.click(".rp-tab >> text=Registration")
     page.click("text=readings.csv")
     page.wait_for_selector("#ask")
@@ -212,10 +211,9 @@ def test_markers_are_rejected_renamed_and_taken_back(browser: Any, kept: Planner
     eventually(page, lambda: "F2" not in labels())
 
 
-def test_the_patient_is_named_only_when_asked_for(browser: Any, folder: Path, shared: Planner) -> None:
+def test_the_patient_is_named_only_when_asked_for(browser: Any, ambiguous: Planner, shared: Planner) -> None:
     name = "PHANTOM^SYNTHETIC"
-    with planner(folder, "--patient") as one:
-        assert opened(browser, one.url).inner_text("#patient") == name
+    assert opened(browser, ambiguous.url).inner_text("#patient") == name
     page = opened(browser, shared.url)
     assert page.locator("#patient").count() == 0
     assert name not in page.content()

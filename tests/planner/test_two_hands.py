@@ -27,26 +27,6 @@ async def shown(page: Page, holds: Callable[[dict[str, Any]], bool]) -> dict[str
     raise AssertionError(f"never shown; the messages are {state['message']!r}, {state['news']!r}")
 
 
-def test_another_hand_s_change_is_shown_by_itself_and_the_planner_s_next_one_keeps_it(running: Planner) -> None:
-    path = running.folder / "plan.json"
-    other = cases.plan().trajectory("left")
-
-    async def act() -> None:
-        async with Page(running.url) as page:
-            change_plan(path, lambda plan: plan.edit("left", notes="theirs"))
-            state = await shown(page, lambda state: state["chosen"]["notes"] == "theirs")
-            assert "another hand" in state["news"]
-            change_plan(path, lambda plan: plan.edit("left", name="renamed").add(other))
-            await page.trigger("notes", "left", "mine")  # the page may not show yet that this is another one
-            refused = (await page.state())["refusals"]
-            state = await shown(page, lambda state: len(state["paths"]) == 2)
-            assert read_plan(path).trajectory("renamed").notes == "theirs"
-            assert read_plan(path).trajectory("left").notes == ("" if refused else "mine")
-
-    assert LOOK_AGAIN_S <= 1.0
-    run(act())
-
-
 def test_a_change_of_what_another_hand_changed_is_refused_and_the_page_shows_theirs(kept: Planner) -> None:
     path = kept.folder / "plan.json"
 
@@ -104,4 +84,24 @@ def test_a_write_that_fails_is_said_and_made_once_it_can_be(kept: Planner) -> No
             await shown(page, lambda state: not state["unsaved"])
             assert read_plan(path).trajectory("left").notes == "unsaved"
 
+    run(act())
+
+
+def test_another_hand_s_change_is_shown_by_itself_and_the_planner_s_next_one_keeps_it(kept: Planner) -> None:
+    path = kept.folder / "plan.json"
+    other = cases.plan().trajectory("left")
+
+    async def act() -> None:
+        async with Page(kept.url) as page:
+            change_plan(path, lambda plan: plan.edit("left", notes="theirs"))
+            state = await shown(page, lambda state: state["chosen"]["notes"] == "theirs")
+            assert "another hand" in state["news"]
+            change_plan(path, lambda plan: plan.edit("left", name="renamed").add(other))
+            await page.trigger("notes", "left", "mine")  # the page may not show yet that this is another one
+            refused = (await page.state())["refusals"]
+            state = await shown(page, lambda state: len(state["paths"]) == 2)
+            assert read_plan(path).trajectory("renamed").notes == "theirs"
+            assert read_plan(path).trajectory("left").notes == ("" if refused else "mine")
+
+    assert LOOK_AGAIN_S <= 1.0
     run(act())
