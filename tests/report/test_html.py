@@ -68,17 +68,18 @@ def test_a_failed_limit_stands_out() -> None:
 
 @pytest.fixture(scope="module")
 def looked() -> Iterator[Callable[..., Any]]:
-    """Have functions look at pages in one browser, in the one thread that may use it."""
+    """Have functions look at pages in one tab of a browser, in the one thread that may use it."""
     with ThreadPoolExecutor(1) as thread, ExitStack() as running:
         browser = thread.submit(running.enter_context, chromium()).result()
-        yield lambda look, *given: thread.submit(look, browser, *given).result()
+        tab = thread.submit(browser.new_page).result()
+        yield lambda look, *given: thread.submit(look, tab, *given).result()
         thread.submit(running.close).result()
 
 
-def columns_hidden(browser: Any, width: int, columns: int) -> tuple[int, int]:
+def columns_hidden(shown: Any, width: int, columns: int) -> tuple[int, int]:
     """By how many pixels a page with a table of many columns is wider than its window, and the table than its room."""
     names = [f"column {n} mm" for n in range(columns)]
-    shown = browser.new_page(viewport={"width": width, "height": 800})
+    shown.set_viewport_size({"width": width, "height": 800})
     shown.set_content(page("Report", [section("Part", [table(names, [names])])]))
     of_page = shown.evaluate("document.documentElement.scrollWidth - innerWidth")
     return of_page, shown.locator("table").evaluate("(table) => table.scrollWidth - table.clientWidth")
@@ -92,10 +93,10 @@ def test_a_table_wider_than_its_page_is_scrolled_by_itself(looked: Callable[...,
         assert least <= of_table <= most
 
 
-def beyond_the_window(browser: Any, width: int) -> tuple[int, int]:
+def beyond_the_window(shown: Any, width: int) -> tuple[int, int]:
     """By how many pixels a page of names without blanks is wider than its window, and its table than its room."""
     name = "left_anterior_hippocampus_of_the_second_plan_after_the_conference" * 2
-    shown = browser.new_page(viewport={"width": width, "height": 800})
+    shown.set_viewport_size({"width": width, "height": 800})
     body = [
         box("warnings", name, [name]),
         table(["trajectory", "limits"], [[name, "11 kept"], ["right", "-"]]),
@@ -111,9 +112,9 @@ def test_a_name_without_blanks_is_broken_before_it_leaves_the_page(looked: Calla
     assert looked(beyond_the_window, width) == (0, 0)
 
 
-def written_order(browser: Any, text: str) -> str:
+def written_order(shown: Any, text: str) -> str:
     """The letters of a paragraph without blanks, as they stand from left to right in a browser."""
-    shown = browser.new_page(viewport={"width": 1280, "height": 800})
+    shown.set_viewport_size({"width": 1280, "height": 800})
     shown.set_content(page("Report", [element("p", text)]))
     order: str = shown.evaluate("""() => {
         const walker = document.createTreeWalker(document.querySelector("p"), NodeFilter.SHOW_TEXT), letters = [];
@@ -171,9 +172,10 @@ def test_brackets_of_the_sentence_stay_outside_a_name() -> None:
     assert element("p", "left (\u05e9\u05de, 0.4 mm)") == "<p>left (<bdi>\u05e9\u05de</bdi>, 0.4 mm)</p>"
 
 
-def width_on_a_phone(browser: Any) -> int:
+def width_on_a_phone(tab: Any) -> int:
     """How many of its own pixels a page is laid out on by a browser whose screen has 390."""
-    shown = browser.new_context(viewport={"width": 390, "height": 844}, is_mobile=True).new_page()
+    phone = tab.context.browser.new_context(viewport={"width": 390, "height": 844}, is_mobile=True)
+    shown = phone.new_page()
     shown.set_content(page("Report", [element("p", "as large as on a screen")]))
     return int(shown.evaluate("innerWidth"))
 
