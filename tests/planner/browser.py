@@ -10,7 +10,8 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -97,6 +98,16 @@ def chromium(*flags: str) -> Iterator[Any]:
             yield browser
         finally:
             browser.close()
+
+
+@contextmanager
+def looking(*flags: str) -> Iterator[Callable[..., Any]]:
+    """Have functions look at pages in one tab of a browser, in the one thread that may use it."""
+    with ThreadPoolExecutor(1) as thread, ExitStack() as running:
+        browser = thread.submit(running.enter_context, chromium(*flags)).result()
+        tab = thread.submit(browser.new_page).result()
+        yield lambda look, *given: thread.submit(look, tab, *given).result()
+        thread.submit(running.close).result()
 
 
 def opened(browser: Any, url: str, width: int = 1280, height: int = 800, script: str = "") -> Any:

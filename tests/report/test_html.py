@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
 from html.parser import HTMLParser
 from typing import Any
 
@@ -14,7 +12,7 @@ from hypothesis import given
 
 from ronnaplan.report.html import RIGHT_TO_LEFT, box, element, page, picture, section, table, unseen
 from ronnaplan.text import isolated
-from tests.planner.browser import chromium, needs_browser
+from tests.planner.browser import looking, needs_browser
 
 HOSTILE = '<script>alert("x")</script>&amp;'
 
@@ -68,12 +66,8 @@ def test_a_failed_limit_stands_out() -> None:
 
 @pytest.fixture(scope="module")
 def looked() -> Iterator[Callable[..., Any]]:
-    """Have functions look at pages in one tab of a browser, in the one thread that may use it."""
-    with ThreadPoolExecutor(1) as thread, ExitStack() as running:
-        browser = thread.submit(running.enter_context, chromium()).result()
-        tab = thread.submit(browser.new_page).result()
-        yield lambda look, *given: thread.submit(look, tab, *given).result()
-        thread.submit(running.close).result()
+    with looking() as look:
+        yield look
 
 
 def columns_hidden(shown: Any, width: int, columns: int) -> tuple[int, int]:

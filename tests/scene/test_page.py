@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from ronnaplan.scene.files import html, view, viewer
 from ronnaplan.scene.shapes import ball
 from ronnaplan.scene.things import Thing
 from tests.loops import apart
-from tests.planner.browser import PATIENCE_MS, at_rest, chromium, eventually, needs_browser
+from tests.planner.browser import PATIENCE_MS, at_rest, chromium, eventually, looking, needs_browser
 
 pytestmark = needs_browser
 
@@ -27,15 +26,19 @@ RED = Thing("marker F1", ball(AT_MM, 10.0), np.array([1.0, 0.1, 0.1]), label="F1
 SKIN = Thing("skin", ball([0.0, 0.0, 0.0], 50.0), np.array([0.2, 0.4, 0.9]), 0.5)
 
 
-@contextmanager
-def drawn(page_file: Path) -> Iterator[Any]:
-    """A page that the browser draws by itself."""
-    with chromium("--use-angle=swiftshader", "--enable-unsafe-swiftshader") as browser:
-        page = browser.new_page(viewport={"width": 500, "height": 400})
-        page.set_default_timeout(PATIENCE_MS)
-        page.goto(page_file.as_uri())
-        page.wait_for_selector("canvas", state="visible")
-        yield page
+@pytest.fixture(scope="module")
+def looked() -> Iterator[Callable[..., Any]]:
+    """Have functions look at pages that the browser draws by itself."""
+    with looking("--use-angle=swiftshader", "--enable-unsafe-swiftshader") as look:
+        yield look
+
+
+def drawn(page: Any, page_file: Path, width: int = 500, height: int = 400) -> None:
+    """Open a page and wait until it is drawn."""
+    page.set_default_timeout(PATIENCE_MS)
+    page.set_viewport_size({"width": width, "height": height})
+    page.goto(page_file.as_uri())
+    page.wait_for_selector("canvas", state="visible")
 
 
 @pytest.fixture
@@ -61,11 +64,13 @@ def red_middle(picture: np.ndarray) -> float:
     return float(np.nonzero(is_red(picture))[1].mean())
 
 
-def test_a_scene_is_turned_in_the_browser_and_what_is_hidden_goes(page_file: Path) -> None:
-    apart(turn_and_hide, page_file)
+def test_a_scene_is_turned_in_the_browser_and_what_is_hidden_goes(
+    page_file: Path, looked: Callable[..., Any]
+) -> None:
+    looked(turn_and_hide, page_file)
 
 
-def test_no_name_covers_another_nor_leaves_the_page(tmp_path: Path) -> None:
+def test_no_name_covers_another_nor_leaves_the_page(tmp_path: Path, looked: Callable[..., Any]) -> None:
     near = [
         replace(
             RED, label=f"a path with a long name {n}", label_mm=AT_MM + np.array([50.0 * (n > 2), 0.0, 2.0 * n])
@@ -75,103 +80,97 @@ def test_no_name_covers_another_nor_leaves_the_page(tmp_path: Path) -> None:
     near[4] = replace(near[4], label="\u05e9\u05de\u05d0\u05dc (\u05e7\u05d3\u05de\u05d9) " * 9)
     file = tmp_path / "scene.html"
     file.write_bytes(html([*near, SKIN], "a case", b""))
-    apart(read_names, file)
+    looked(read_names, file)
 
 
-def test_the_far_side_of_what_is_seen_through_is_seen(tmp_path: Path) -> None:
+def test_the_far_side_of_what_is_seen_through_is_seen(tmp_path: Path, looked: Callable[..., Any]) -> None:
     file = tmp_path / "scene.html"
     file.write_bytes(html([SKIN], "a case", b""))
-    apart(see_the_far_side, file)
+    looked(see_the_far_side, file)
 
 
 def test_without_webgl_the_still_is_seen(page_file: Path) -> None:
     apart(see_the_still, page_file)
 
 
-def test_a_report_runs_its_viewer_and_leaves_the_wheel_to_the_page_until_it_is_clicked(tmp_path: Path) -> None:
+def test_a_report_runs_its_viewer_and_leaves_the_wheel_to_the_page_until_it_is_clicked(
+    tmp_path: Path, looked: Callable[..., Any]
+) -> None:
     seen = f'<div class="scene">{view([RED, SKIN], "a case", b"")}</div><p><span id="how"></span></p>'
     file = tmp_path / "report.html"
     file.write_text(
         report_html.page("a report", [seen, '<div style="height: 3000px"></div>'], style=STYLE, script=viewer())
     )
-    apart(scroll_past, file)
+    looked(scroll_past, file)
 
 
-def scroll_past(page_file: Path) -> None:
-    with chromium("--use-angle=swiftshader", "--enable-unsafe-swiftshader") as browser:
-        page = browser.new_page(viewport={"width": 700, "height": 600})
-        page.set_default_timeout(PATIENCE_MS)
-        told: list[str] = []
-        page.on("console", lambda message: told.append(message.text) if message.type == "error" else None)
-        page.goto(page_file.as_uri())
-        page.wait_for_selector("canvas", state="visible")
-        before = shown(page)
-        page.mouse.move(200, 200)
-        page.mouse.wheel(0, 120)
-        eventually(page, lambda: bool(page.evaluate("window.scrollY > 50")))
-        shown(page)
-        page.evaluate("window.scrollTo(0, 0)")
-        page.locator("canvas").click(position={"x": 150, "y": 150})
-        page.mouse.wheel(0, -300)
-        eventually(page, lambda: bool(np.abs(shown(page) - before).max() > 50))
-        assert page.evaluate("window.scrollY") == 0
-        assert told == []
+def scroll_past(page: Any, page_file: Path) -> None:
+    told: list[str] = []
+    page.on("console", lambda message: told.append(message.text) if message.type == "error" else None)
+    drawn(page, page_file, 700, 600)
+    before = shown(page)
+    page.mouse.move(200, 200)
+    page.mouse.wheel(0, 120)
+    eventually(page, lambda: bool(page.evaluate("window.scrollY > 50")))
+    shown(page)
+    page.evaluate("window.scrollTo(0, 0)")
+    page.locator("canvas").click(position={"x": 150, "y": 150})
+    page.mouse.wheel(0, -300)
+    eventually(page, lambda: bool(np.abs(shown(page) - before).max() > 50))
+    assert page.evaluate("window.scrollY") == 0
+    assert told == []
 
 
-def turn_and_hide(page_file: Path) -> None:
-    with chromium("--use-angle=swiftshader", "--enable-unsafe-swiftshader") as browser:
-        page = browser.new_page(viewport={"width": 700, "height": 400})
-        page.set_default_timeout(PATIENCE_MS)
-        errors: list[str] = []
-        page.on("pageerror", lambda error: errors.append(str(error)))
-        page.goto(page_file.as_uri())
-        page.wait_for_selector("canvas", state="visible")
-        assert not page.locator("#still").is_visible()
-        eventually(page, lambda: bool(is_red(shown(page)).any()))
-        before = red_middle(shown(page))
-        page.mouse.move(150, 300)
-        page.mouse.down()
-        page.mouse.move(250, 300, steps=3)
-        page.mouse.up()
-        eventually(page, lambda: red_middle(shown(page)) > before + 10)  # the near side follows the hand
-        page.locator("canvas").focus()
-        page.keyboard.press("ArrowLeft")
-        turned = shown(page)
-        name = page.locator("#names span")
-        assert name.text_content() == "F1"
-        assert name.bounding_box()["x"] == pytest.approx(red_middle(turned) + 10, abs=8)  # it went with its marker
-        page.click("summary")  # the list covers nothing until it is asked for
-        page.uncheck("text=marker F1")
-        eventually(page, lambda: not is_red(shown(page)).any())
-        assert not name.is_visible()
-        assert (np.abs(shown(page) - turned).max(axis=2) > 25).mean() > 0.003
-        page.evaluate(
-            "document.querySelector('canvas').getContext('webgl2').getExtension('WEBGL_lose_context').loseContext()"
-        )
-        page.wait_for_selector("#still", state="visible")
-        assert errors == []
+def turn_and_hide(page: Any, page_file: Path) -> None:
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    drawn(page, page_file, 700, 400)
+    assert not page.locator("#still").is_visible()
+    eventually(page, lambda: bool(is_red(shown(page)).any()))
+    before = red_middle(shown(page))
+    page.mouse.move(150, 300)
+    page.mouse.down()
+    page.mouse.move(250, 300, steps=3)
+    page.mouse.up()
+    eventually(page, lambda: red_middle(shown(page)) > before + 10)  # the near side follows the hand
+    page.locator("canvas").focus()
+    page.keyboard.press("ArrowLeft")
+    turned = shown(page)
+    name = page.locator("#names span")
+    assert name.text_content() == "F1"
+    assert name.bounding_box()["x"] == pytest.approx(red_middle(turned) + 10, abs=8)  # it went with its marker
+    page.click("summary")  # the list covers nothing until it is asked for
+    page.uncheck("text=marker F1")
+    eventually(page, lambda: not is_red(shown(page)).any())
+    assert not name.is_visible()
+    assert (np.abs(shown(page) - turned).max(axis=2) > 25).mean() > 0.003
+    page.evaluate(
+        "document.querySelector('canvas').getContext('webgl2').getExtension('WEBGL_lose_context').loseContext()"
+    )
+    page.wait_for_selector("#still", state="visible")
+    assert errors == []
 
 
-def read_names(page_file: Path) -> None:
-    with drawn(page_file) as page:
-        shown(page)
-        names = page.locator("#names span")
-        boxes = [name.bounding_box() for name in names.all()]
-        ways = names.evaluate_all("(spans) => spans.map((one) => getComputedStyle(one).direction)")
-        assert ways == ["ltr"] * 4 + ["rtl", "ltr"]  # so that the end of each is cut off, not its beginning
-        assert len(boxes) == 6
-        assert all(one["x"] >= 0 and one["x"] + one["width"] <= 500 for one in boxes)
-        for number, one in enumerate(boxes):
-            for other in boxes[:number]:
-                beside = abs(one["x"] - other["x"]) >= min(one["width"], other["width"]) - 0.5
-                assert beside or abs(one["y"] - other["y"]) >= one["height"] - 0.5
+def read_names(page: Any, page_file: Path) -> None:
+    drawn(page, page_file)
+    shown(page)
+    names = page.locator("#names span")
+    boxes = [name.bounding_box() for name in names.all()]
+    ways = names.evaluate_all("(spans) => spans.map((one) => getComputedStyle(one).direction)")
+    assert ways == ["ltr"] * 4 + ["rtl", "ltr"]  # so that the end of each is cut off, not its beginning
+    assert len(boxes) == 6
+    assert all(one["x"] >= 0 and one["x"] + one["width"] <= 500 for one in boxes)
+    for number, one in enumerate(boxes):
+        for other in boxes[:number]:
+            beside = abs(one["x"] - other["x"]) >= min(one["width"], other["width"]) - 0.5
+            assert beside or abs(one["y"] - other["y"]) >= one["height"] - 0.5
 
 
-def see_the_far_side(page_file: Path) -> None:
-    with drawn(page_file) as page:
-        # one half of a blue of about 200, and another half of that which is left
-        eventually(page, lambda: shown(page)[200, 250, 0] > 130)
-        assert shown(page)[200, 20, 0] < 30
+def see_the_far_side(page: Any, page_file: Path) -> None:
+    drawn(page, page_file)
+    # one half of a blue of about 200, and another half of that which is left
+    eventually(page, lambda: shown(page)[200, 250, 0] > 130)
+    assert shown(page)[200, 20, 0] < 30
 
 
 def see_the_still(page_file: Path) -> None:
