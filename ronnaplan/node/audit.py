@@ -23,6 +23,7 @@ from xml.etree import ElementTree
 
 from ronnaplan.errors import InputError
 from ronnaplan.node.index import Index
+from ronnaplan.node.logs import Log
 from ronnaplan.text import printable
 
 SYSLOG: Final = "syslog://"
@@ -48,6 +49,9 @@ SUCCESS, MINOR_FAILURE, SERIOUS_FAILURE = "0", "4", "8"
 
 SERVER_PROCESS: Final = "4"
 """Of audit sources."""
+
+UNWRITTEN: Final = "not audited"
+"""The log's event that holds a message that the trail could not take."""
 
 
 @dataclass
@@ -86,24 +90,35 @@ class Instances:
 
 
 class Audit:
-    """Writes audit messages to ``target``: a file, or ``syslog://HOST:PORT`` (RFC 5424 over UDP)."""
+    """Writes audit messages to ``target``: a file, or ``syslog://HOST:PORT`` (RFC 5424 over UDP).
 
-    def __init__(self, folder: Path, target: str, node: str) -> None:
-        self._node, self._lock = node, threading.Lock()
-        self._address: tuple[str, int] | None = None
-        self._path = folder / target
-        if target.startswith(SYSLOG):
-            parts = urlsplit(target)
-            if not parts.hostname:
-                raise InputError(f"audit is '{printable(target)}'; expected a file or syslog://HOST:PORT")
-            self._address = parts.hostname, parts.port or SYSLOG_PORT
+    A message that cannot be written there stands in the log, and the node goes on: what it does depends on none.
+    """
 
-    def application(self, *, started: bool) -> None:
-        """Tell that the node started, or stopped."""
-        message = self._message(ACTIVITY, EXECUTED, kind=STARTED if started else STOPPED)
+    def __init__(self, folder: Path, target: str, node: str, log: Log) -> None:
+        self._node, self._log, self._lock = node, log, threading.Lock()
+        self._target, self._path = target, folder / target
+        self._address = syslog_address(target) if target.startswith(SYSLOG) else None
+
+    def started(self) -> None:
+        """Tell that the node started; raises `InputError` where the trail cannot be written."""
+        try:
+            self._put(self._activity(STARTED))
+        except OSError as error:
+            raise InputError(
+                f"the audit trail cannot be written to {printable(self._target)} ({error.strerror or error}); "
+                "correct 'audit' in the configuration, or make that place reachable"
+            ) from error
+
+    def stopped(self) -> None:
+        """Tell that the node stopped."""
+        self._write(self._activity(STOPPED))
+
+    def _activity(self, kind: tuple[str, str]) -> ElementTree.Element:
+        message = self._message(ACTIVITY, EXECUTED, kind=kind)
         self._participant(message, self._node, APPLICATION, requestor=False)
         self._source(message)
-        self._write(message)
+        return message
 
     def transferred(
         self, moved: Instances, *, source: str, destination: str, peer_address: str, failure: str = ""
@@ -176,7 +191,13 @@ class Audit:
         ElementTree.SubElement(source, "AuditSourceTypeCode", {"csd-code": SERVER_PROCESS})
 
     def _write(self, message: ElementTree.Element) -> None:
-        line = ElementTree.tostring(message, encoding="unicode")
+        try:
+            self._put(message)
+        except OSError as error:
+            self._log.tell(UNWRITTEN, reason=str(error), message=_line(message))
+
+    def _put(self, message: ElementTree.Element) -> None:
+        line = _line(message)
         with self._lock:
             if self._address is None:
                 with self._path.open("a", encoding="utf-8") as stream:
@@ -184,8 +205,25 @@ class Audit:
                 return
             now, host = datetime.now(UTC).isoformat(timespec="milliseconds"), socket.gethostname()
             packet = f"<{PRIORITY}>1 {now} {host} ronnaplan {os.getpid()} IHE+RFC-3881 - \ufeff{line}"
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-                sender.sendto(packet.encode(), self._address)
+            family, kind, *_, address = socket.getaddrinfo(*self._address, type=socket.SOCK_DGRAM)[0]
+            with socket.socket(family, kind) as sender:
+                sender.sendto(packet.encode(), address)
+
+
+def syslog_address(target: str) -> tuple[str, int]:
+    """Return host and port of ``syslog://HOST:PORT``; raises `InputError` for what is none."""
+    try:
+        parts = urlsplit(target)
+        host, port = parts.hostname, parts.port
+    except ValueError:  # of a port that is none, or of brackets that hold no address
+        host = port = None
+    if not host:
+        raise InputError(f"audit is '{printable(target)}'; expected a file or syslog://HOST:PORT")
+    return host, SYSLOG_PORT if port is None else port
+
+
+def _line(message: ElementTree.Element) -> str:
+    return ElementTree.tostring(message, encoding="unicode")
 
 
 def _place(address: str) -> str:

@@ -47,9 +47,9 @@ def run_node(config_path: Path, stop: threading.Event, log: Log, worker: str = W
                 f"another node keeps its data in {config.data}; end it, or name another folder"
             ) from error
         index = stack.enter_context(Index(config.data))
-        audit = Audit(config.data, config.audit, config.titles[0])
-        audit.application(started=True)
-        stack.callback(audit.application, started=False)
+        audit = Audit(config.data, config.audit, config.titles[0], log)
+        audit.started()
+        stack.callback(audit.stopped)
         if config.page_port is not None:
             page = Page(config, log)
             page.start()

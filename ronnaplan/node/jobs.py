@@ -68,7 +68,7 @@ class Foreman:
         self._said: queue.SimpleQueue[tuple[int, str]] = queue.SimpleQueue()
         self._workers: dict[int, Worker] = {}
         self._next, self._hire_due = 0, 0.0
-        self._audit = Audit(config.data, config.audit, config.titles[0])
+        self._audit = Audit(config.data, config.audit, config.titles[0], log)
         # a node that was killed left them: nobody works on them now
         index.run("UPDATE jobs SET state = 'waiting' WHERE state = 'running'")
         remove_unknown_answers(config.data, config.data / ANSWERS, index)

@@ -10,7 +10,7 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Any, TextIO
 
-from ronnaplan.text import printable
+from ronnaplan.text import LONGEST_SENTENCE, printable
 
 LISTENING = "listening"
 """The event that tells that peers can send."""
@@ -27,7 +27,10 @@ class Log:
     def tell(self, event: str, **facts: Any) -> None:
         """Write ``event`` with its ``facts``; what nobody can read is dropped, as nothing depends on it."""
         line = {"time": datetime.now(UTC).isoformat(timespec="milliseconds"), "event": event}
-        line |= {key: printable(value) if isinstance(value, str) else value for key, value in facts.items()}
+        line |= {
+            key: printable(value, LONGEST_SENTENCE) if isinstance(value, str) else value
+            for key, value in facts.items()
+        }
         self._write(event, json.dumps(line, default=str))
 
     def relay(self, line: str) -> str:

@@ -76,7 +76,7 @@ class Receiver:
     def __init__(self, config: Config, log: Log) -> None:
         self.config, self._log = config, log
         config.data.mkdir(parents=True, exist_ok=True)
-        self._audit = Audit(config.data, config.audit, config.titles[0])
+        self._audit = Audit(config.data, config.audit, config.titles[0], log)
         self._store = Store(config.data, log, self._audit, config.limits.least_free_mib, config.keep_days)
         self._moved: dict[Any, dict[str, Instances]] = defaultdict(dict)
         self._server: Server | None = None

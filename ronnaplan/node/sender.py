@@ -87,7 +87,7 @@ class Sender(threading.Thread):
     def __init__(self, config: Config, peer: Peer, log: Log) -> None:
         super().__init__(name=f"to {peer.name}", daemon=True)
         self._config, self._peer, self._log = config, peer, log
-        self._audit = Audit(config.data, config.audit, config.titles[0])
+        self._audit = Audit(config.data, config.audit, config.titles[0], log)
         self._ending = threading.Event()
         self._went = 0
         """How often, one time after the other, the receiver has gone when it was asked for storage commitment."""

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import io
+import json
 import os
 import re
 import socket
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,6 +19,7 @@ import pytest
 from ronnaplan.errors import InputError
 from ronnaplan.node import sender
 from ronnaplan.node.audit import Audit, Instances
+from ronnaplan.node.hub import run_node
 from ronnaplan.node.index import Index
 from ronnaplan.node.jobs import Foreman
 from ronnaplan.node.logs import Log
@@ -30,7 +33,7 @@ def test_a_message_to_syslog_is_one_of_rfc_5424_with_the_hashes(tmp_path: Path) 
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server:
         server.bind(("127.0.0.1", 0))
         server.settimeout(60)
-        audit = Audit(tmp_path, f"syslog://127.0.0.1:{server.getsockname()[1]}", "RONNAPLAN")
+        audit = Audit(tmp_path, f"syslog://127.0.0.1:{server.getsockname()[1]}", "RONNAPLAN", Log(io.StringIO()))
         moved = Instances("1.2.3")
         moved.add("1.2.840.10008.5.1.4.1.1.2", "ab" * 32)
         audit.transferred(moved, source="CT1", destination="RONNAPLAN", peer_address="192.0.2.7")
@@ -102,7 +105,7 @@ def test_the_trail_says_what_was_done_with_each_scan_and_how_it_ended(
     ("address", "kind"), [("192.0.2.7", 2), ("pacs.example", 1), ("https://pacs.example/dicom-web", 5)]
 )
 def test_what_kind_of_place_a_peer_has_is_told(address: str, kind: int, tmp_path: Path) -> None:
-    audit = Audit(tmp_path, "audit.log", "RONNAPLAN")
+    audit = Audit(tmp_path, "audit.log", "RONNAPLAN", Log(io.StringIO()))
     audit.transferred(Instances("1.2.3"), source="CT1", destination="RONNAPLAN", peer_address=address)
     line = (tmp_path / "audit.log").read_text()
     conforming(line)
@@ -117,6 +120,40 @@ def test_a_file_counts_by_its_content_and_one_that_is_gone_by_that_of_nothing(tm
     assert moved.hashes == [hashlib.sha256(content).hexdigest() for content in (b"answer", b"")]
 
 
-def test_an_address_without_a_host_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("target", ["syslog://", "syslog://audit.example:x", "syslog://[1::2", "syslog://a:99999"])
+def test_an_address_that_is_none_is_refused(target: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="syslog://HOST:PORT"):
-        Audit(tmp_path, "syslog://", "RONNAPLAN")
+        Audit(tmp_path, target, "RONNAPLAN", Log(io.StringIO()))
+
+
+def unknown_host(*_: object, **__: object) -> None:
+    raise socket.gaierror(socket.EAI_NONAME, "Name or service not known")
+
+
+@pytest.mark.parametrize(
+    ("target", "says"), [("nowhere/audit.log", "No such file"), ("syslog://audit.invalid:514", "not known")]
+)
+def test_a_node_does_not_start_whose_trail_cannot_be_written(
+    target: str, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(socket, "getaddrinfo", unknown_host)
+    path = tmp_path / "node.toml"
+    path.write_text(f'folder = "data"\naudit = "{target}"\n')
+    says = f"audit trail cannot be written to {re.escape(target)} .*{says}.*correct 'audit'"
+    with pytest.raises(InputError, match=says):
+        run_node(path, threading.Event(), Log(io.StringIO()))
+
+
+def test_a_message_that_the_trail_cannot_take_stands_whole_in_the_log_and_the_node_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = io.StringIO()
+    audit = Audit(tmp_path, "syslog://audit.invalid:514", "RONNAPLAN", Log(told))
+    monkeypatch.setattr(socket, "getaddrinfo", unknown_host)
+    audit.transferred(Instances("1.2.3"), source="CT1", destination="RONNAPLAN", peer_address="192.0.2.7")
+    audit.stopped()
+    moved, stopped = map(json.loads, told.getvalue().splitlines())
+    assert moved["event"] == stopped["event"] == "not audited"
+    assert "not known" in moved["reason"]
+    assert conforming(moved["message"]).study == "1.2.3"
+    assert conforming(stopped["message"]).event == "110100"

@@ -93,11 +93,11 @@ def test_a_series_of_ten_thousand_instances_is_one_job(index: Index, tmp_path: P
     watch(index, tmp_path).tick(100.1)
     assert jobs(index) == [(10_000, "waiting")]
     assert status_page(index).count("<tr>") == 2  # its head, and the series
-    remove_old(
-        tmp_path, index, 200.0, Log(io.StringIO()), Audit(tmp_path, "audit.log", "RONNAPLAN")
-    )  # owes an answer
+    log = Log(io.StringIO())
+    audit = Audit(tmp_path, "audit.log", "RONNAPLAN", log)
+    remove_old(tmp_path, index, 200.0, log, audit)  # owes an answer
     index.run("UPDATE jobs SET state = 'done'")
-    remove_old(tmp_path, index, 200.0, Log(io.StringIO()), Audit(tmp_path, "audit.log", "RONNAPLAN"))
+    remove_old(tmp_path, index, 200.0, log, audit)
     assert index.rows("SELECT count(*) FROM instances") == [(0,)]
 
 
@@ -142,10 +142,12 @@ def test_what_was_kept_long_enough_goes_but_nothing_that_owes_an_answer(index: I
             )
     index.run("INSERT INTO answers VALUES ('1.9', 2, 'sr', '1.2', 'answers/1.9.dcm', 0)")
     index.run("INSERT INTO deliveries (answer, receiver, state, due) VALUES ('1.9', 'pacs', 'waiting', 0)")
-    remove_old(tmp_path, index, 200.0, Log(io.StringIO()), Audit(tmp_path, "audit.log", "RONNAPLAN"))
+    log = Log(io.StringIO())
+    audit = Audit(tmp_path, "audit.log", "RONNAPLAN", log)
+    remove_old(tmp_path, index, 200.0, log, audit)
     assert [path.exists() for path in files] == [True, True, False, True]
     index.run("UPDATE deliveries SET state = 'sent'")
-    remove_old(tmp_path, index, 200.0, Log(io.StringIO()), Audit(tmp_path, "audit.log", "RONNAPLAN"))
+    remove_old(tmp_path, index, 200.0, log, audit)
     assert [path.exists() for path in files] == [True, False, False, True]
     assert not files[1].parent.exists()
     assert index.rows("SELECT count(*) FROM answers") == [(0,)]
