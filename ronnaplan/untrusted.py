@@ -71,18 +71,23 @@ def parse_json(content: bytes) -> Any:
 
 
 def checked(content: Any, model: type[Model]) -> Model:
-    """Return JSON's ``content`` as ``model``, strictly: no text or truth value passes for a number.
+    """Return ``content`` of JSON or TOML as ``model``, strictly: no text or truth value passes for a number.
 
     Raises ValueError naming the first field that is wrong, and for nesting beyond reason.
     """
     try:
         # by way of a text, since pydantic's strict mode knows JSON's types (a list for a tuple) only there
-        return model.model_validate_json(json.dumps(content), strict=True)
+        return model.model_validate_json(json.dumps(content, default=_no_field), strict=True)
     except ValidationError as error:
         is_deep = PARSER_TOO_DEEP in error.errors(include_url=False)[0]["msg"]
         raise ValueError(TOO_DEEP if is_deep else first_fault(error)) from error
     except RecursionError as error:
         raise ValueError(TOO_DEEP) from error
+
+
+def _no_field(value: object) -> dict[str, str]:
+    """Return what no field takes, so that the field is named, for a date or time of TOML."""
+    return {type(value).__name__: str(value)}
 
 
 def first_fault(error: ValidationError) -> str:

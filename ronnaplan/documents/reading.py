@@ -71,7 +71,7 @@ def read_settings(
         if HOME in given:
             raise ValueError(f"{HOME}: no field of this document")
         settings = checked(given, model)
-    except (ValueError, TypeError) as error:  # TypeError: a date, which no field is
+    except ValueError as error:
         raise InputError(f"{os.fspath(path)} {otherwise} ({printable(error)}); {remedy}") from error
     if HOME not in model.model_fields:
         return settings

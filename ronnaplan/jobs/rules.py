@@ -6,9 +6,19 @@ from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Annotated, ClassVar, TypeVar
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from ronnaplan.documents.fields import DocumentModel, Label, Line, PositiveMm
+from ronnaplan.errors import UsageError
+from ronnaplan.localization import Build
+
+
+def _build(text: str) -> str:
+    try:
+        Build.parse(text)
+    except UsageError as error:
+        raise ValueError(str(error)) from error
+    return text
 
 
 class ScanRule(DocumentModel):
@@ -24,7 +34,7 @@ class ScanRule(DocumentModel):
     modality: Line = "CT"
     diameters: tuple[PositiveMm, ...] = ()
     """Of the markers in mm; none: found by itself, all of one size."""
-    marker: Line = "solid"
+    marker: Annotated[Line, AfterValidator(_build)] = "solid"
     expected: Annotated[int, Field(ge=1, le=1000)] | None = None
     template: Line | None = None
 

@@ -149,6 +149,8 @@ class Config(DocumentModel):
                 )
         if not self.titles:
             raise ValueError("titles: at least one AE title is needed")
+        if self.page_port == self.port != 0:
+            raise ValueError(f"page_port: {self.port} is the port that peers send to; choose another one")
         if self.tls is None and any(one.tls for one in self.peer):
             raise ValueError("a peer asks for TLS, for which a [tls] table with certificates is needed")
         return self

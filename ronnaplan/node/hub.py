@@ -57,6 +57,9 @@ def run_node(config_path: Path, stop: threading.Event, log: Log, worker: str = W
         hub = Hub(config_path, config, index, log, worker)
         stack.callback(hub.close)
         log.tell("started", titles=list(config.titles), folder=str(config.data))
+        for rule in config.rule:
+            if rule.template is not None and not (config.home / rule.template).is_file():
+                log.tell("no template", rule=rule.name, file=str(config.home / rule.template))
         while not stop.wait(TICK_S):
             try:
                 hub.tick(time.time())

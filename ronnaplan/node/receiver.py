@@ -117,7 +117,8 @@ class Receiver:
             )
         except OSError as error:
             raise InputError(
-                f"cannot listen on {config.host}:{config.port} ({error.strerror}); choose another port"
+                f"cannot listen on {config.host}:{config.port} ({error.strerror}); correct 'host' or 'port' in the "
+                "configuration"
             ) from error
         self._log.tell(LISTENING, host=config.host, port=self.port, tls=encrypted is not None)
 

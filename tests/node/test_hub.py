@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 from ronnaplan.cli import main
+from ronnaplan.node.hub import run_node
 from ronnaplan.node.index import Index
+from ronnaplan.node.logs import Log
 from tests.ct import makers
 from tests.node.peers import free_port, needs, save, send, until, write_toml
 
@@ -44,3 +48,16 @@ def test_a_node_receives_through_its_receiver_s_death_and_ends_whole(tmp_path: P
     assert events("stopped")
     with Index(tmp_path / "node-data") as index:
         assert index.rows("SELECT instances, revision, complete FROM series") == [(2, 2, 2)]
+
+
+def test_a_template_that_is_not_there_is_told_at_the_start(tmp_path: Path) -> None:
+    path = tmp_path / "node.toml"
+    path.write_text(
+        "[[rule]]\nname = 'frame'\ntemplate = 'frame.json'\n[[rule]]\nname = 'here'\ntemplate = 'node.toml'\n"
+    )
+    stop, told = threading.Event(), io.StringIO()
+    stop.set()
+    run_node(path, stop, Log(told))
+    lines = [json.loads(line) for line in told.getvalue().splitlines()]
+    missing = [(one["rule"], one["file"]) for one in lines if one["event"] == "no template"]
+    assert missing == [("frame", str(tmp_path / "frame.json"))]

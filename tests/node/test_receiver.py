@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import zlib
 from pathlib import Path
@@ -15,10 +16,11 @@ from pynetdicom import AE, _config
 
 from ronnaplan.errors import InputError
 from ronnaplan.node.facts import read_facts
-from ronnaplan.node.receiver import CLASSES
+from ronnaplan.node.logs import Log
+from ronnaplan.node.receiver import CLASSES, Receiver
 from tests.ct import makers
 from tests.node.audit_schema import conforming
-from tests.node.peers import Listening, associate, instance, listening, needs, save, send, until
+from tests.node.peers import Listening, associate, configuration, instance, listening, needs, save, send, until
 
 pytestmark = needs("storescu", "echoscu")
 
@@ -140,6 +142,15 @@ def test_what_a_peer_calls_itself_cannot_steer_a_log(node: Listening, tmp_path: 
     for line in node.said.getvalue().splitlines():
         assert line.isprintable()
         json.loads(line)
+
+
+def test_a_place_where_this_machine_cannot_listen_is_told(tmp_path: Path) -> None:
+    receiver = Receiver(configuration(tmp_path, host="192.0.2.1"), Log(io.StringIO()))
+    try:
+        with pytest.raises(InputError, match=r"192\.0\.2\.1:0 \(.+\); correct 'host' or 'port'"):
+            receiver.start()
+    finally:
+        receiver.stop()
 
 
 def test_a_class_that_is_not_taken_is_not_agreed_on(node: Listening, tmp_path: Path) -> None:
