@@ -95,10 +95,14 @@ class _Dimse:
         self._kept.expect(uids, folder)
         level = list(LEVELS)[len(uids) - 1]
         order = _query(level, dict(zip(LEVELS.values(), uids, strict=False)))
-        if self._way == GET:
-            self._told(self._association.send_c_get(order, GET), RARE_CLASS)
-        else:
-            self._told(self._association.send_c_move(order, self._config.titles[0], MOVE))
+        try:
+            if self._way == GET:
+                self._told(self._association.send_c_get(order, GET), RARE_CLASS)
+            else:
+                self._told(self._association.send_c_move(order, self._config.titles[0], MOVE))
+        except InputError:
+            self._kept.require_kept(self._peer.name)  # what this side could not keep is why the archive failed
+            raise
         # an archive may answer C-MOVE before it has sent anything
         patience_s = 0.0 if self._way == GET else self._config.limits.silent_s
         return self._kept.all_of(self._peer.name, _instances(self, uids), patience_s)

@@ -61,6 +61,11 @@ class Arrivals:
             self._paths[str(sop_uid)] = path
             self._changed.notify_all()
 
+    def require_kept(self, archive: str) -> None:
+        """Raise `InputError` where something that ``archive`` sent was not kept."""
+        if self._trouble:
+            raise InputError(f"{archive} sent what is not kept: {self._trouble}")
+
     def all_of(self, archive: str, listed: Collection[str], patience_s: float = 0.0) -> set[Path]:
         """Return the files of the instances that ``archive`` lists, once all came.
 
@@ -72,8 +77,7 @@ class Arrivals:
                 if not self._changed.wait(patience_s):
                     break
             missing = len(wanted - self._paths.keys())
-            if self._trouble:
-                raise InputError(f"{archive} sent what is not kept: {self._trouble}")
+            self.require_kept(archive)
             if missing or not self._paths:
                 raise InputError(
                     f"{archive} lists {len(wanted)} instances and sent {len(wanted) - missing} of them; expected all"

@@ -10,6 +10,7 @@ from ronnaplan.documents.files import make_folder
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.node.archives import open_archive
 from ronnaplan.node.config import Config, Peer
+from ronnaplan.node.facts import UID
 from ronnaplan.node.matches import are_days
 from ronnaplan.text import printable, whole_number
 
@@ -26,11 +27,13 @@ class Wanted:
 
     @property
     def keys(self) -> dict[str, str]:
-        """The attributes to match; raises `UsageError` where nothing is given, or no date."""
+        """The attributes to match; raises `UsageError` where nothing is given, or what is no UID or no date."""
         given = {"StudyInstanceUID": self.study_uid, "PatientID": self.patient_id, "StudyDate": self.date}
         keys = {keyword: value for keyword, value in given.items() if value}
         if not keys:
             raise UsageError("nothing says which study; give its UID, a patient's ID or a date")
+        if self.study_uid and UID.fullmatch(self.study_uid) is None:
+            raise UsageError(f"'{printable(self.study_uid)}' is no study's UID; expected digits and points")
         if self.date and not are_days(self.date):
             raise UsageError(
                 f"'{printable(self.date)}' is no date; expected YYYYMMDD, or two with a - between, the earlier first"

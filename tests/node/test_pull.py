@@ -10,13 +10,18 @@ import threading
 import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+from pydicom.dataset import Dataset
 from pydicom.uid import Comprehensive3DSRStorage, SecondaryCaptureImageStorage, XRayRadiationDoseSRStorage
 
 from ronnaplan.cli import main
 from ronnaplan.ct import read_ct
-from ronnaplan.errors import InputError, UsageError
+from ronnaplan.errors import InputError, UnwrittenError, UsageError
+from ronnaplan.node import arrivals
+from ronnaplan.node.archives import GET, MOVE, _Dimse
 from ronnaplan.node.config import Config, Peer
 from ronnaplan.node.destination import destination
 from ronnaplan.node.pull import Wanted, peer_at, pull
@@ -109,6 +114,35 @@ def test_what_says_too_little_is_wrong_usage(tmp_path: Path) -> None:
             peer_at(text, Config())
     with pytest.raises(UsageError, match="nothing says which study"):
         pull(Config(), peer_at("A@127.0.0.1:1", Config()), Wanted(), tmp_path)
+
+
+def test_a_study_s_uid_that_is_none_is_wrong_usage_and_nobody_is_asked(tmp_path: Path) -> None:
+    for uid in ("abc", "1.2*", "1.2\\1.3"):
+        with pytest.raises(UsageError, match="is no study's UID; expected digits and points"):
+            pull(Config(), peer_at("A@127.0.0.1:1", Config()), Wanted(study_uid=uid), tmp_path)
+
+
+@pytest.mark.parametrize("way", [GET, MOVE])
+def test_what_this_side_could_not_keep_is_told_in_place_of_what_the_archive_makes_of_it(
+    way: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise UnwrittenError("cannot write it: No space left on device; make room")
+
+    monkeypatch.setattr(arrivals, "write_atomically", full)
+    kept = arrivals.Arrivals()
+
+    def sends_one(*_: object) -> list[tuple[Dataset, None]]:
+        request = SimpleNamespace(AffectedSOPInstanceUID="1.2.3")
+        assert kept.take(SimpleNamespace(request=request, encoded_dataset=lambda: b"")) == 0xA700
+        end = Dataset()
+        end.Status = 0xB000
+        return [(end, None)]
+
+    association: Any = SimpleNamespace(send_c_get=sends_one, send_c_move=sends_one)
+    archive = _Dimse(Config(), Peer(name="pacs"), association, way, kept)
+    with pytest.raises(InputError, match=r"pacs sent what is not kept: .*No space left"):
+        archive.fetch(["1.2"], tmp_path)
 
 
 def test_an_archive_that_is_not_there_is_told(tmp_path: Path) -> None:
