@@ -67,6 +67,8 @@ def _table(series: Sequence[SeriesSummary], skipped: Sequence[Skipped], with_pat
         shown.append(line)
         if with_patient:
             shown.append(f"     patient: {one.patient_name or '(no name)'}")
+        if one.apart:
+            shown.append(f"     a part of its series, which mixes {', '.join(one.apart)}")
         shown += [f"     cannot be used: {problem}" for problem in one.problems]
         shown += [f"     note: {note}" for note in one.notes]
     if skipped:

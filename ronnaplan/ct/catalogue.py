@@ -63,6 +63,11 @@ class Series:
         return self.stack.flags if self.stack is not None else ()
 
     @property
+    def apart(self) -> tuple[str, ...]:
+        """What the parts of its series differ in; empty where it is the whole."""
+        return self.stack.apart if self.stack is not None else ()
+
+    @property
     def image_count(self) -> int:
         """Number of slices, or of files where they are not slices of a CT."""
         return len(self.stack.slices) if self.stack is not None else self.file_count

@@ -26,8 +26,11 @@ LOSSY_SYNTAXES: Final = frozenset(
 )
 
 _PATIENT: Final = (
-    *(tags.PATIENT_ID, tags.ISSUER_OF_PATIENT_ID, tags.PATIENT_NAME, tags.PATIENT_BIRTH_DATE, tags.PATIENT_SEX),
-    tags.PATIENT_POSITION,
+    tags.PATIENT_ID,
+    tags.ISSUER_OF_PATIENT_ID,
+    tags.PATIENT_NAME,
+    tags.PATIENT_BIRTH_DATE,
+    tags.PATIENT_SEX,
 )
 FLOAT_BYTES: Final = {tags.FLOAT_PIXEL_DATA: 4, tags.DOUBLE_FLOAT_PIXEL_DATA: 8}
 """Tags of float pixels -> bytes of one pixel."""
@@ -93,8 +96,17 @@ class Instance:
 
     @property
     def patient(self) -> tuple[bytes, ...]:
-        """What tells patients, and how they lay, apart, as it is written."""
-        return tuple(self.elements.get(tag, b"").strip(b"\0 ^") for tag in _PATIENT)
+        """What tells patients apart, as it is written."""
+        return tuple(self._written(tag) for tag in _PATIENT)
+
+    @property
+    def patient_position(self) -> bytes:
+        """How the patient lay, as it is written."""
+        return self._written(tags.PATIENT_POSITION)
+
+    def _written(self, tag: int) -> bytes:
+        value: bytes = self.elements.get(tag, b"").strip(b"\0 ^")
+        return value
 
     @property
     def patient_name(self) -> str:

@@ -10,25 +10,21 @@ import hashlib
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
+from ronnaplan.ct.apart import PASSES, share_plane, what_differs
 from ronnaplan.ct.derived import flags_of
 from ronnaplan.ct.grid import TILT_TOLERANCE_DEG, SliceGrid
 from ronnaplan.ct.header import DEFLATED_LITTLE
 from ronnaplan.ct.slices import SliceImage
-from ronnaplan.ct.values import Vector
 from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 
-ORIENTATION_TOLERANCE: Final = 2e-5
-"""Largest difference of direction cosines within one stack: 0.01 mm at 500 mm."""
 PERPENDICULAR_TOLERANCE: Final = 2e-4
 """Largest departure of written directions from perpendicular unit vectors (cosines rounded to 4 decimals)."""
-PIXEL_SPACING_TOLERANCE_MM: Final = 1e-5
-"""Largest difference of pixel spacing within one stack: 0.01 mm over 1,000 pixels."""
 SAME_PLACE_TOLERANCE_MM: Final = 0.01
 """Slices nearer than this along the normal are at the same place (positions are often rounded to 0.01 mm)."""
 MULTIPLE_TOLERANCE: Final = 0.02
@@ -57,13 +53,15 @@ MOST_PARTS: Final = 32
 class Stack:
     """Parallel slices in ascending order along the normal, ready to be read.
 
-    ``grid`` is None and ``problem`` says why where they cannot be placed.
+    ``grid`` is None and ``problem`` says why where they cannot be placed. ``apart`` names what the stacks of its
+    series differ in; empty where it is the only one.
     """
 
     slices: tuple[SliceImage, ...]
     grid: SliceGrid | None = None
     flags: tuple[VolumeFlag, ...] = ()
     problem: str | None = None
+    apart: tuple[str, ...] = ()
 
     def flagged(self, flag: VolumeFlag) -> Stack:
         """Return a stack that can be read with one more reason to doubt it."""
@@ -76,6 +74,9 @@ def stacks_of(images: Sequence[SliceImage]) -> list[Stack]:
     if len(parts) > MOST_PARTS:
         return [Stack(tuple(images), problem=_why_so_many(images))]
     stacks = [stack for part in parts for stack in _stacks_of_plane(part)]
+    if len(stacks) > 1:
+        apart = what_differs([stack.slices[0] for stack in stacks])
+        stacks = [replace(stack, apart=apart) for stack in stacks]
     if all(stack.problem is None for stack in stacks):
         return stacks
     return [stack.flagged(VolumeFlag.IMAGES_LEFT_OUT) for stack in stacks]
@@ -86,7 +87,7 @@ def _by_plane(images: Sequence[SliceImage]) -> list[list[SliceImage]]:
     groups: list[list[SliceImage]] = []
     for image in images:
         for group in groups:
-            if _share_plane(group[0], image):
+            if share_plane(group[0], image):
                 group.append(image)
                 break
         else:
@@ -98,35 +99,9 @@ def _by_plane(images: Sequence[SliceImage]) -> list[list[SliceImage]]:
 
 def _why_so_many(images: Sequence[SliceImage]) -> str:
     """Say by what images fall into too many parts: programs that take names away may give each file its own."""
-    apart: dict[str, set[Any]] = {
-        "orientations": {image.orientation for image in images},
-        "sizes": {(image.pixels.rows, image.pixels.columns) for image in images},
-        "pixel spacings": {image.spacing_mm for image in images},
-        "frames of reference": {image.instance.frame_of_reference_uid for image in images},
-        "studies": {image.instance.study_uid for image in images},
-        "patients": {image.instance.patient for image in images},
-        "stacks": {image.stack_id for image in images},
-    }
-    mixed = [name for name, values in apart.items() if len(values) > 1]
+    mixed = what_differs(images)
     told = ", ".join(mixed[:MOST_MIXED]) if len(mixed) > MOST_MIXED else " and ".join(mixed)
     return f"it mixes too many {told} (more than {MOST_PARTS} parts of {len(images)} images); export it again"
-
-
-def _share_plane(one: SliceImage, other: SliceImage) -> bool:
-    return (
-        one.pixels.rows == other.pixels.rows
-        and one.pixels.columns == other.pixels.columns
-        and one.instance.patient == other.instance.patient
-        and one.instance.study_uid == other.instance.study_uid
-        and one.instance.frame_of_reference_uid == other.instance.frame_of_reference_uid
-        and one.stack_id == other.stack_id
-        and _near(one.orientation, other.orientation, ORIENTATION_TOLERANCE)
-        and _near(one.spacing_mm, other.spacing_mm, PIXEL_SPACING_TOLERANCE_MM)
-    )
-
-
-def _near(one: Vector, other: Vector, tolerance: float) -> bool:
-    return one == other or all(abs(a - b) <= tolerance for a, b in zip(one, other, strict=True))
 
 
 def _grouped(images: Sequence[SliceImage], key: Callable[[SliceImage], str]) -> list[list[SliceImage]]:
@@ -148,31 +123,15 @@ def _stacks_of_plane(images: list[SliceImage]) -> list[Stack]:
     normal = np.cross(column_step, row_step)
     normal /= np.linalg.norm(normal)
     kept, positions, dropped = _without_copies(images, origins @ normal)
-    keys = [_acquisition, _kernel, _image_type]
-    if all(image.tube_voltage_kv is not None for image in kept):
-        keys.append(_tube_voltage)
-    for key in keys:
+    keys = dict(PASSES)
+    if any(image.tube_voltage_kv is None for image in kept):
+        del keys["tube voltages"]
+    for key in keys.values():
         parts = _grouped(kept, key)
         if 1 < len(parts) <= MOST_PARTS and _interleave(parts, normal):
             return [stack for part in parts for stack in _stacks_of_plane(part)]
     stack = _one_stack(kept, positions, row_step, column_step)
     return [stack.flagged(VolumeFlag.DUPLICATES_DROPPED) if dropped else stack]
-
-
-def _acquisition(image: SliceImage) -> str:
-    return image.acquisition
-
-
-def _kernel(image: SliceImage) -> str:
-    return image.kernel
-
-
-def _image_type(image: SliceImage) -> str:
-    return "\\".join(image.image_type)
-
-
-def _tube_voltage(image: SliceImage) -> str:
-    return "" if image.tube_voltage_kv is None else f"{image.tube_voltage_kv:.0f}"
 
 
 def _steps(image: SliceImage) -> tuple[FloatArray, FloatArray]:
@@ -282,7 +241,7 @@ def _flags(slices: tuple[SliceImage, ...], grid: SliceGrid) -> list[VolumeFlag]:
         VolumeFlag.SHIFTED_SIDEWAYS: bool(
             np.linalg.norm(grid.origins_mm - line, axis=1).max() > SIDEWAYS_TOLERANCE_MM
         ),
-        VolumeFlag.MIXED_VOLTAGE: len({*map(_tube_voltage, slices)} - {""}) > 1,
+        VolumeFlag.MIXED_VOLTAGE: len({*map(PASSES["tube voltages"], slices)} - {""}) > 1,
         VolumeFlag.OUT_OF_ORDER: _run_back_s(slices) > OUT_OF_ORDER_S,
         **dict.fromkeys(made, True),
         VolumeFlag.NO_FRAME_OF_REFERENCE: slices[0].instance.frame_of_reference_uid is None,

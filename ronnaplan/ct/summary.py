@@ -19,7 +19,8 @@ class SeriesSummary:
 
     ``series`` is what `read_ct` takes as its ``series_uid``. ``spacing_mm`` is the smallest and largest gap
     between slices, ``pixel_mm`` the distance between rows and between columns. A series with ``problems``
-    cannot be read; ``notes`` are reasons to doubt one that can.
+    cannot be read; ``notes`` are reasons to doubt one that can, and ``apart`` names what the parts of a series differ
+    in, of which this is one.
     """
 
     series: str
@@ -33,6 +34,7 @@ class SeriesSummary:
     kernel: str
     problems: tuple[str, ...]
     notes: tuple[str, ...]
+    apart: tuple[str, ...]
     patient_name: str
 
     @property
@@ -71,6 +73,7 @@ def summary_of(series: Series) -> SeriesSummary:
         kernel=series.kernel,
         problems=series.problems,
         notes=tuple(str(flag) for flag in series.notes),
+        apart=series.apart,
         patient_name=first.patient_name,
     )
 
@@ -89,6 +92,7 @@ def _of_image(path: Path) -> SeriesSummary:
         kernel="",
         problems=(),
         notes=tuple(str(flag) for flag in image.flags),
+        apart=(),
         patient_name="",
     )
 

@@ -43,6 +43,27 @@ def test_json_says_the_same_for_a_program(tmp_path: Path, capsys: pytest.Capture
     assert document["series"][0]["spacing_mm"] == [2, 2]
 
 
+def test_what_the_parts_of_a_series_differ_in_is_told_of_each_and_of_no_whole_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As a name that was corrected at the scanner leaves it: the rows looked alike, and one had to be chosen."""
+    write_series(tmp_path)
+
+    def renamed(made: Dataset, k: int) -> None:
+        made.PatientName, made.StudyInstanceUID = "Doe^Janet", "1.2.3.98"
+        made.ImagePositionPatient = [0, 0, 100 + 2 * k]
+
+    write_series(tmp_path, 3, renamed, prefix="renamed")
+    assert main(["series", str(tmp_path)]) == 0
+    shown = capsys.readouterr().out
+    assert shown.count("a part of its series, which mixes studies, patients\n") == 2
+    assert "Doe" not in shown
+    assert main(["series", str(tmp_path), "--json"]) == 0
+    assert [one["apart"] for one in json.loads(capsys.readouterr().out)["series"]] == [["studies", "patients"]] * 2
+    assert main(["series", str(write_series(tmp_path / "whole"))]) == 0
+    assert "mixes" not in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("also", [[], ["--json"]])
 def test_the_patients_name_is_shown_only_when_asked_for(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], also: list[str]

@@ -212,7 +212,10 @@ def test_two_kernels_of_one_place_are_offered_apart(tmp_path: Path) -> None:
         made.ConvolutionKernel, made.RescaleIntercept = "H60", -1023
 
     write_series(tmp_path, 4, sharp, prefix="sharp")
-    assert [series.kernel for series in find_series(tmp_path).usable] == ["H30", "H60"]
+    assert [(series.kernel, series.apart) for series in find_series(tmp_path).usable] == [
+        ("H30", ("kernels",)),
+        ("H60", ("kernels",)),
+    ]
     assert read_ct(tmp_path, "1.2.3.2#2").source.kernel == "H60"
 
 
@@ -222,19 +225,21 @@ def test_acquisitions_that_follow_each_other_are_one_volume(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("keyword", "value"),
+    ("keyword", "value", "apart"),
     [
-        ("ImageOrientationPatient", [0, 1, 0, 0, 0, -1]),
-        ("FrameOfReferenceUID", "1.2.3.99"),
-        ("StudyInstanceUID", "1.2.3.98"),
-        ("PatientID", "another patient's"),
-        ("PatientName", "Roe^Richard"),
-        ("PatientBirthDate", "19600101"),
-        ("PatientPosition", "FFS"),
-        ("PixelSpacing", [0.5, 0.5]),
+        ("ImageOrientationPatient", [0, 1, 0, 0, 0, -1], "orientations"),
+        ("FrameOfReferenceUID", "1.2.3.99", "frames of reference"),
+        ("StudyInstanceUID", "1.2.3.98", "studies"),
+        ("PatientID", "another patient's", "patients"),
+        ("PatientName", "Roe^Richard", "patients"),
+        ("PatientBirthDate", "19600101", "patients"),
+        ("PatientPosition", "FFS", "patient positions"),
+        ("PixelSpacing", [0.5, 0.5], "pixel spacings"),
     ],
 )
-def test_orientations_frames_and_pixel_sizes_are_never_mixed(tmp_path: Path, keyword: str, value: object) -> None:
+def test_orientations_frames_and_pixel_sizes_are_never_mixed(
+    tmp_path: Path, keyword: str, value: object, apart: str
+) -> None:
     write_series(tmp_path)
 
     def other(made: Dataset, k: int) -> None:
@@ -245,6 +250,7 @@ def test_orientations_frames_and_pixel_sizes_are_never_mixed(tmp_path: Path, key
     found = find_series(tmp_path)
     assert [series.key for series in found.series] == ["1.2.3.2#1", "1.2.3.2#2"]
     assert sorted(series.image_count for series in found.series) == [3, 4]
+    assert [series.apart for series in found.series] == [(apart,), (apart,)]
     with pytest.raises(InputError, match=r"choose one"):
         read_ct(tmp_path, "1.2.3.2")
 
