@@ -138,5 +138,6 @@ def _deidentify(arguments: argparse.Namespace) -> int:
                 f"{arguments.secret} holds {len(secret)} bytes; at least {LEAST_SECRET_BYTES} are needed"
             )
     count = deidentify(arguments.file, arguments.output, secret)
-    print(f"{count} files, naming nobody, in {arguments.output}", file=sys.stderr)
+    files = "1 file" if count == 1 else f"{count} files"
+    print(f"{files}, naming nobody, in {arguments.output}", file=sys.stderr)
     return 0

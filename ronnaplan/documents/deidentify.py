@@ -48,7 +48,9 @@ KEPT: Final = _names(
     TotalCollimationWidth SingleCollimationWidth TableSpeed TableFeedPerRotation RevolutionTime ScanOptions
     AcquisitionNumber InstanceNumber SeriesNumber ImagePositionPatient ImageOrientationPatient SliceLocation
     PositionReferenceIndicator ImagesInAcquisition NumberOfTemporalPositions TemporalPositionIndex StackID
-    InStackPositionNumber DimensionIndexValues DimensionOrganizationType FrameAcquisitionNumber FrameType
+    InStackPositionNumber FrameLaterality DimensionIndexValues
+    DimensionIndexPointer FunctionalGroupPointer DimensionOrganizationType FrameAcquisitionNumber FrameType
+    PresentationLUTShape
     PixelPresentation VolumetricProperties VolumeBasedCalculationTechnique ReconstructionAlgorithm
     SamplesPerPixel PhotometricInterpretation PlanarConfiguration NumberOfFrames Rows Columns PixelSpacing
     PixelAspectRatio BitsAllocated BitsStored HighBit PixelRepresentation SmallestImagePixelValue
@@ -72,6 +74,11 @@ ENTERED: Final = _names(
 )
 """Sequences whose items are treated likewise."""
 
+EMPTIED: Final = _names(
+    "UnassignedSharedConvertedAttributesSequence UnassignedPerFrameConvertedAttributesSequence"
+)
+"""Sequences that an object that had them must have, with an empty item: what else a legacy conversion found."""
+
 REPLACED: Final = _names(
     """
     SOPInstanceUID StudyInstanceUID SeriesInstanceUID FrameOfReferenceUID ReferencedSOPInstanceUID
@@ -86,7 +93,7 @@ EMPTY: Final = (
 )
 """What every object must have and here has nothing in."""
 
-CONTENT: Final = ("ContentDescription", "ContentCreatorName", "Manufacturer")
+CONTENT: Final = ("ContentDescription", "ContentCreatorName", "Manufacturer", "AcquisitionContextSequence")
 """What an object that had it must have, with nothing in it."""
 
 DUMMIES: Final = {
@@ -229,6 +236,8 @@ def _kept(given: Dataset, secret: bytes, number: int = 1) -> Dataset:
             found.add_new(element.tag, element.VR, _uid(secret, str(element.value)))
         elif element.keyword in ENTERED:
             found.add_new(element.tag, "SQ", [_kept(item, secret, n) for n, item in enumerate(element.value, 1)])
+        elif element.keyword in EMPTIED:
+            found.add_new(element.tag, "SQ", [Dataset()])
         elif element.keyword in DUMMIES:
             dummy = DUMMIES[element.keyword]
             found.add_new(element.tag, element.VR, f"{dummy}{number}" if element.VR == "SH" else dummy)

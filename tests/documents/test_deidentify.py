@@ -227,6 +227,7 @@ def test_what_was_valid_stays_valid(tmp_path: Path) -> None:
     objects = {
         "CT": makers.dataset(0),
         "enhanced CT": timed,
+        "legacy converted CT": converted(3),
         "fiducials": spatial_fiducials(secret),
         "registration": spatial_registration(read_registration(document(tmp_path, "registration"))),
     }
@@ -239,6 +240,18 @@ def test_what_was_valid_stays_valid(tmp_path: Path) -> None:
         content = after.read_bytes()
         assert b"SECRET" not in content
         assert b"19700131" not in content
+
+
+def converted(count: int) -> Dataset:
+    """Return a legacy conversion, with a private attribute and a side in each frame's groups."""
+    from highdicom.legacy import LegacyConvertedEnhancedCTImage
+
+    slices = [makers.dataset(k) for k in range(count)]
+    for one in slices:
+        one.AccessionNumber = one.ReferringPhysicianName = one.StudyID = one.PatientBirthDate = one.PatientSex = ""
+        one.BodyPartExamined, one.StationName = "HEAD", "SECRET"
+        one.private_block(0x0099, "SECRET", create=True).add_new(1, "LO", f"SECRET {one.InstanceNumber}")
+    return LegacyConvertedEnhancedCTImage(slices, "1.2.3.7", 2, "1.2.3.8", 1)
 
 
 def _timed(groups: Dataset, _: int) -> None:
