@@ -255,6 +255,8 @@ def _parts(instances: list[Instance], kinds: Mapping[str, frozenset[str]]) -> li
     stacks = stacks_of(images)
     if any(instance.pixels is not None for files in outside.values() for instance in files):
         stacks = [stack.flagged(VolumeFlag.IMAGES_LEFT_OUT) for stack in stacks]
+    if _lacks_a_file(instances):
+        stacks = [stack.flagged(VolumeFlag.MISSING_SLICE) for stack in stacks]
     found: list[tuple[Instance, int, Stack | None, tuple[str, ...]]] = [
         (stack.slices[0].instance, len(stack.slices), stack, (*_problem(stack), *broken)) for stack in stacks
     ]
@@ -265,6 +267,17 @@ def _parts(instances: list[Instance], kinds: Mapping[str, frozenset[str]]) -> li
         Series(uid if len(found) == 1 else f"{uid}#{number}", first, count, stack, problems)
         for number, (first, count, stack, problems) in enumerate(found, start=1)
     ]
+
+
+def _lacks_a_file(instances: list[Instance]) -> bool:
+    """Whether there are some but not all of the files that share the frames of one image."""
+    numbers: dict[str, set[int]] = defaultdict(set)
+    counts: dict[str, int] = defaultdict(int)
+    for one in instances:
+        if one.concatenation:
+            numbers[one.concatenation].add(one.file_number)
+            counts[one.concatenation] = max(counts[one.concatenation], one.file_number, one.file_count)
+    return any(len(numbers[image]) < count for image, count in counts.items())
 
 
 def _problem(stack: Stack) -> tuple[str, ...]:

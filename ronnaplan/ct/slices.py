@@ -76,7 +76,11 @@ class PixelFormat:
 
 @dataclass(frozen=True, slots=True)
 class Instance:
-    """One DICOM file. ``pixels`` is None if it holds none; every text is safe to print."""
+    """One DICOM file. ``pixels`` is None if it holds none; every text is safe to print.
+
+    ``concatenation`` is the UID of the image whose frames several files share, "" where it has a file to itself;
+    ``file_number`` of ``file_count`` is this one, as far as it is told.
+    """
 
     blob: Blob
     elements: Elements
@@ -93,6 +97,9 @@ class Instance:
     is_lossy: bool
     tilt_tag_deg: float | None
     pixels: PixelFormat | None
+    concatenation: str
+    file_number: int
+    file_count: int
 
     @property
     def patient(self) -> tuple[bytes, ...]:
@@ -167,6 +174,9 @@ def instance_from_header(blob: Blob, header: Header) -> Instance:
         is_lossy=header.transfer_syntax in LOSSY_SYNTAXES or text(elements, tags.LOSSY_IMAGE_COMPRESSION) == "01",
         tilt_tag_deg=number_or_none(elements, tags.GANTRY_DETECTOR_TILT),
         pixels=_pixel_format(header),
+        concatenation=text(elements, tags.CONCATENATION_UID),
+        file_number=integer(elements, tags.IN_CONCATENATION_NUMBER, header.is_big_endian) or 1,
+        file_count=integer(elements, tags.IN_CONCATENATION_TOTAL_NUMBER, header.is_big_endian) or 1,
     )
 
 

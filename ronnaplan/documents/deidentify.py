@@ -41,23 +41,23 @@ KEPT: Final = _names(
     """
     SpecificCharacterSet ImageType SOPClassUID Modality ConversionType PresentationIntentType
     ReferencedSOPClassUID CodeValue CodingSchemeDesignator CodingSchemeVersion CodeMeaning MappingResource
-    LossyImageCompression LossyImageCompressionRatio LossyImageCompressionMethod BodyPartExamined
-    SliceThickness KVP DataCollectionDiameter ReconstructionDiameter DistanceSourceToDetector
-    DistanceSourceToPatient GantryDetectorTilt TableHeight RotationDirection ExposureTime XRayTubeCurrent
-    Exposure FilterType GeneratorPower FocalSpots ConvolutionKernel PatientPosition SpiralPitchFactor
-    TotalCollimationWidth SingleCollimationWidth TableSpeed TableFeedPerRotation RevolutionTime ScanOptions
-    AcquisitionNumber InstanceNumber SeriesNumber ImagePositionPatient ImageOrientationPatient SliceLocation
+    LossyImageCompression LossyImageCompressionRatio LossyImageCompressionMethod BodyPartExamined SliceThickness
+    KVP DataCollectionDiameter ReconstructionDiameter DistanceSourceToDetector DistanceSourceToPatient
+    GantryDetectorTilt TableHeight RotationDirection ExposureTime XRayTubeCurrent Exposure FilterType
+    GeneratorPower FocalSpots ConvolutionKernel PatientPosition SpiralPitchFactor TotalCollimationWidth
+    SingleCollimationWidth TableSpeed TableFeedPerRotation RevolutionTime ScanOptions AcquisitionNumber
+    InstanceNumber SeriesNumber ImagePositionPatient ImageOrientationPatient SliceLocation
     PositionReferenceIndicator ImagesInAcquisition NumberOfTemporalPositions TemporalPositionIndex StackID
-    InStackPositionNumber FrameLaterality DimensionIndexValues
-    DimensionIndexPointer FunctionalGroupPointer DimensionOrganizationType FrameAcquisitionNumber FrameType
-    PresentationLUTShape
-    PixelPresentation VolumetricProperties VolumeBasedCalculationTechnique ReconstructionAlgorithm
-    SamplesPerPixel PhotometricInterpretation PlanarConfiguration NumberOfFrames Rows Columns PixelSpacing
-    PixelAspectRatio BitsAllocated BitsStored HighBit PixelRepresentation SmallestImagePixelValue
-    LargestImagePixelValue PixelPaddingValue PixelPaddingRangeLimit BurnedInAnnotation WindowCenter
-    WindowWidth RescaleIntercept RescaleSlope RescaleType FloatPixelPaddingValue DoubleFloatPixelPaddingValue
-    PixelData FloatPixelData DoubleFloatPixelData FrameOfReferenceTransformationMatrixType
-    FrameOfReferenceTransformationMatrix ShapeType NumberOfContourPoints ContourData ContourUncertaintyRadius
+    InStackPositionNumber FrameLaterality InConcatenationNumber InConcatenationTotalNumber
+    ConcatenationFrameOffsetNumber DimensionIndexValues DimensionIndexPointer FunctionalGroupPointer
+    DimensionOrganizationType FrameAcquisitionNumber FrameType PresentationLUTShape PixelPresentation
+    VolumetricProperties VolumeBasedCalculationTechnique ReconstructionAlgorithm SamplesPerPixel
+    PhotometricInterpretation PlanarConfiguration NumberOfFrames Rows Columns PixelSpacing PixelAspectRatio
+    BitsAllocated BitsStored HighBit PixelRepresentation SmallestImagePixelValue LargestImagePixelValue
+    PixelPaddingValue PixelPaddingRangeLimit BurnedInAnnotation WindowCenter WindowWidth RescaleIntercept
+    RescaleSlope RescaleType FloatPixelPaddingValue DoubleFloatPixelPaddingValue PixelData FloatPixelData
+    DoubleFloatPixelData FrameOfReferenceTransformationMatrixType FrameOfReferenceTransformationMatrix ShapeType
+    NumberOfContourPoints ContourData ContourUncertaintyRadius
     """
 )
 """Attributes that stay as they are: what images show and where, how they were made."""
@@ -82,7 +82,8 @@ EMPTIED: Final = _names(
 REPLACED: Final = _names(
     """
     SOPInstanceUID StudyInstanceUID SeriesInstanceUID FrameOfReferenceUID ReferencedSOPInstanceUID
-    DimensionOrganizationUID FiducialUID ReferencedFrameOfReferenceUID
+    DimensionOrganizationUID ConcatenationUID SOPInstanceUIDOfConcatenationSource FiducialUID
+    ReferencedFrameOfReferenceUID
     """
 )
 """UIDs that get a new one."""

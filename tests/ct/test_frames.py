@@ -202,3 +202,25 @@ def test_hounsfield_units_by_any_name_are_read(tmp_path: Path, unit: str | None)
             made.RescaleType = unit
 
     assert read_ct(write_series(tmp_path, change=named)).voxels_hu.min() == -1024
+
+
+@pytest.mark.parametrize(("kept", "total", "lacks"), [((1, 2), 2, False), ((1,), 2, True), ((2,), None, True)])
+def test_files_of_one_image_of_which_some_are_not_there_are_flagged(
+    kept: tuple[int, ...], total: int | None, lacks: bool, tmp_path: Path
+) -> None:
+    """Frames may be cut into several files (a concatenation): those of one end could be lost without a word."""
+    for number in kept:
+        made = enhanced(3, lambda groups, k, n=number: _moved(groups, 6.0 * n))  # type: ignore[misc]
+        made.SOPInstanceUID = f"1.2.3.8.{number}"
+        made.ConcatenationUID, made.InConcatenationNumber = "1.2.3.7", number
+        if total is not None:
+            made.InConcatenationTotalNumber = total
+        save(made, tmp_path / f"{number}")
+    volume = read_ct(tmp_path)
+    assert volume.voxels_hu.shape[0] == 3 * len(kept)
+    assert volume.flags == ((VolumeFlag.MISSING_SLICE,) if lacks else ())
+
+
+def _moved(groups: Dataset, z_mm: float) -> None:
+    position = groups.PlanePositionSequence[0]
+    position.ImagePositionPatient = [-10, -20, float(position.ImagePositionPatient[2]) + z_mm]
