@@ -85,7 +85,8 @@ def _why_not_pixels(pixels: PixelFormat) -> str | None:
     if pixels.length is None:
         return why_not_decoded(pixels)
     if pixels.transfer_syntax not in PLAIN_SYNTAXES:
-        return f"its transfer syntax {pixels.transfer_syntax} should be encapsulated but is not"
+        plain = f"its transfer syntax {pixels.transfer_syntax} should be encapsulated but is not"
+        return why_not_decoded(pixels) or plain
     declared = pixels.frame_bytes * pixels.frames
     if not declared <= pixels.length <= declared + declared % 2:  # a value is filled up to an even length
         return f"it declares {declared} bytes of pixels but holds {pixels.length}"

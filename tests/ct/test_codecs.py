@@ -114,6 +114,23 @@ def test_an_unsupported_syntax_is_refused_with_its_name_and_what_would_help(
         read_ct(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("syntax", "says"),
+    [
+        ("1.2.840.113619.5.2", r"1\.2\.840\.113619\.5\.2 \(unknown; gdcmconv may know it\) is not supported"),
+        ("1.2.840.10008.1.2.4.80", "should be encapsulated but is not"),
+    ],
+)
+def test_pixels_that_are_not_compressed_are_refused_by_what_is_wrong_with_their_syntax(
+    syntax: str, says: str, tmp_path: Path
+) -> None:
+    """The first, of GE, is no compression: implicit, with big-endian pixels."""
+    save(dataset(0), tmp_path / "1")
+    (tmp_path / "1").write_bytes(relabelled((tmp_path / "1").read_bytes(), syntax))
+    with pytest.raises(InputError, match=says):
+        read_ct(tmp_path)
+
+
 def relabelled(content: bytes, syntax: str) -> bytes:
     """Return a file with another transfer syntax written into its meta information."""
     at = content.find(b"\x02\0\x10\0UI")
