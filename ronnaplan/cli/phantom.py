@@ -10,6 +10,7 @@ from ronnaplan.cli.values import number, whole
 
 if TYPE_CHECKING:
     from phantoms.examination import Examination
+    from phantoms.series import SeriesOptions
 
 HELP = "Scan a synthetic head and write the DICOM series with the true marker places beside it."
 STACK_OPTIONS = {
@@ -69,32 +70,21 @@ def run(arguments: argparse.Namespace) -> int:
     from phantoms.errors import PhantomError
     from ronnaplan.errors import InputError, UsageError
 
-    if not arguments.list and not (arguments.scene and arguments.output):
+    if arguments.list:
+        return _list()
+    if not (arguments.scene and arguments.output):
         raise UsageError("a scene and -o DIR are needed (see 'ronnaplan phantom --list' for ready-made scenes)")
     try:
-        return _list() if arguments.list else _make(arguments)
+        examination, options = _asked(arguments)
+    except PhantomError as error:  # no scene has, and no scanner takes, what an option says
+        raise UsageError(str(error)) from error
+    _warn(examination)
+    try:
+        examination.write(
+            arguments.output, options, fast=arguments.scanner == "fast", progress=sys.stderr.isatty()
+        )
     except PhantomError as error:
         raise InputError(str(error)) from error
-
-
-def _make(arguments: argparse.Namespace) -> int:
-    from dataclasses import replace
-
-    from phantoms.errors import PhantomError
-    from phantoms.fast import Renderer
-
-    examination = _examination(arguments)
-    fast = arguments.scanner == "fast"
-    if arguments.scatter is not None and (fast or isinstance(examination.scanner, Renderer)):
-        raise PhantomError("the fast renderer scatters nothing; leave --scatter out, or choose another scanner")
-    options = replace(
-        examination.options(fast=fast),
-        order=arguments.order,
-        padding_hu=arguments.padding,
-        transfer_syntax=arguments.transfer_syntax,
-    )
-    _warn(examination)
-    examination.write(arguments.output, options, fast=fast, progress=sys.stderr.isatty())
     print(
         f"wrote {len(examination.stack)} slices and truth.json with {len(examination.scene.markers)} markers "
         f"to {arguments.output}",
@@ -103,23 +93,49 @@ def _make(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _examination(arguments: argparse.Namespace) -> Examination:
-    """Return the scene with the options of the command line applied to it."""
+def _asked(arguments: argparse.Namespace) -> tuple[Examination, SeriesOptions]:
+    """Return the examination that is asked for, and how its series is written."""
     from dataclasses import replace
 
+    from phantoms.errors import PhantomError
+    from phantoms.fast import Renderer
+
+    examination = _changed(_scene(arguments), arguments)
+    fast = arguments.scanner == "fast"
+    if arguments.scatter is not None and (fast or isinstance(examination.scanner, Renderer)):
+        raise PhantomError("the fast renderer scatters nothing; leave --scatter out, or choose another scanner")
+    return examination, replace(
+        examination.options(fast=fast),
+        order=arguments.order,
+        padding_hu=arguments.padding,
+        transfer_syntax=arguments.transfer_syntax,
+    )
+
+
+def _scene(arguments: argparse.Namespace) -> Examination:
+    """Return the scene as it is ready-made or its file says; raises `InputError` for a file that is none."""
     from phantoms.errors import PhantomError
     from phantoms.library import READY, ready
     from phantoms.patients import random_patient
     from phantoms.scene_file import read_scene
+    from ronnaplan.errors import InputError
 
     if arguments.scene == "random-patient" and (arguments.seed is not None or arguments.protocol):
-        examination = random_patient(arguments.seed or 0, protocol=arguments.protocol)
-    elif arguments.protocol:
+        return random_patient(arguments.seed or 0, protocol=arguments.protocol)
+    if arguments.protocol:
         raise PhantomError(f"a protocol scans random-patient only, not {arguments.scene}; leave one of them out")
-    elif arguments.scene in READY or not arguments.scene.lower().endswith(".toml"):
-        examination = ready(arguments.scene)
-    else:
-        examination = read_scene(arguments.scene)
+    if arguments.scene in READY or not arguments.scene.lower().endswith(".toml"):
+        return ready(arguments.scene)
+    try:
+        return read_scene(arguments.scene)
+    except PhantomError as error:
+        raise InputError(str(error)) from error
+
+
+def _changed(examination: Examination, arguments: argparse.Namespace) -> Examination:
+    """Return an examination with the options of the command line applied to it."""
+    from dataclasses import replace
+
     names = [*STACK_OPTIONS, "matrix"]
     geometry = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
     if geometry:

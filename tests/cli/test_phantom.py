@@ -85,7 +85,8 @@ def test_the_list_shows_every_scene_with_its_picture(capsys: pytest.CaptureFixtu
     ("arguments", "sentence"),
     [
         (["no-such-scene"], "no ready-made scene is called 'no-such-scene'"),
-        (["nowhere.toml"], "cannot read nowhere.toml"),
+        (["random-patient", "--protocol", "no such"], "no protocol is called 'no such'"),
+        (["patient-3", "--protocol", "rendered triangle"], "a protocol scans random-patient only"),
         (["patient-3", "--kernel", "sharp"], "unknown kernel 'sharp'"),
         (["patient-3", "--dose", "-1"], "dose is -1.0; expected zero or more"),
         (["patient-3", "--spacing", "0"], "spacing is 0.0 mm; expected a positive length"),
@@ -101,9 +102,17 @@ def test_the_list_shows_every_scene_with_its_picture(capsys: pytest.CaptureFixtu
         ),
     ],
 )
-def test_bad_input_is_one_sentence_and_writes_nothing(tmp_path: Path, arguments: list[str], sentence: str) -> None:
-    with pytest.raises(InputError, match=sentence):
+def test_what_no_option_can_say_is_wrong_usage_and_writes_nothing(
+    tmp_path: Path, arguments: list[str], sentence: str
+) -> None:
+    with pytest.raises(UsageError, match=sentence):
         run(*arguments, "-o", str(tmp_path / "ct"))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_scene_file_that_is_none_is_one_sentence_and_writes_nothing(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"cannot read nowhere\.toml"):
+        run("nowhere.toml", "-o", str(tmp_path / "ct"))
     assert list(tmp_path.iterdir()) == []
 
 
