@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from ronnaplan.cli.output import warn
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from ronnaplan.ct import CTVolume
     from ronnaplan.geometry import FloatArray
@@ -80,7 +81,10 @@ def stated_electrode(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the electrode that was chosen by name, as a trajectory takes it; nothing where none was named."""
     from ronnaplan.planning.electrodes import electrode_chosen
 
-    return {} if arguments.electrode is None else {"electrode": electrode_chosen(arguments.electrode)}
+    if arguments.electrode is None:
+        return {}
+    with _said_by_options():
+        return {"electrode": electrode_chosen(arguments.electrode)}
 
 
 def stated_instrument(arguments: argparse.Namespace) -> Instrument | None:
@@ -91,6 +95,18 @@ def stated_instrument(arguments: argparse.Namespace) -> Instrument | None:
 
     if (arguments.diameter is None) != (arguments.length is None):
         raise UsageError("an instrument of your own needs both --diameter and --length")
-    if arguments.diameter is not None:
-        return Instrument(arguments.instrument or "instrument", arguments.diameter, arguments.length)
-    return instrument_named(arguments.instrument) if arguments.instrument else None
+    with _said_by_options():
+        if arguments.diameter is not None:
+            return Instrument(arguments.instrument or "instrument", arguments.diameter, arguments.length)
+        return instrument_named(arguments.instrument) if arguments.instrument else None
+
+
+@contextmanager
+def _said_by_options() -> Iterator[None]:
+    """Take what no catalogue has, and no instrument can be, for wrong usage: options alone said it, no file."""
+    from ronnaplan.errors import InputError, UsageError
+
+    try:
+        yield
+    except InputError as error:
+        raise UsageError(str(error)) from error

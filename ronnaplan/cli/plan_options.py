@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from ronnaplan.cli.case_options import with_documents, with_rules, with_sigmas
-from ronnaplan.cli.values import number, whole
+from ronnaplan.cli.values import colour, number, whole
 
 SIDES = {
     "left": (1.0, 0.0, 0.0),
@@ -73,7 +73,7 @@ def _with_electrode(parser: argparse.ArgumentParser) -> None:
 
 
 def _with_looks(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--colour", metavar="#RRGGBB", help="colour in views")
+    parser.add_argument("--colour", type=colour, metavar="#RRGGBB", help="colour in views")
     parser.add_argument("--notes", metavar="TEXT", help="free text")
 
 

@@ -41,6 +41,15 @@ def number(text: str) -> float:
     return value
 
 
+def colour(text: str) -> str:
+    """Return a colour, written #rrggbb."""
+    from ronnaplan.planning.trajectory import COLOUR
+
+    if not COLOUR.fullmatch(text):
+        raise argparse.ArgumentTypeError(f"'{_short(text)}' is no colour; expected #rrggbb in lower case")
+    return text
+
+
 def held(text: str) -> tuple[str, float]:
     """Return a joint and the angle in degrees at which it is held, written JOINT=DEGREES."""
     joint, _, angle = text.rpartition("=")

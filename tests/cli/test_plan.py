@@ -228,7 +228,7 @@ def test_an_electrode_is_chosen_measured_exported_and_taken_back(
     assert "DIXI D08-05AM" in capsys.readouterr().out
     assert main([*edit, "none"]) == 0
     assert read_plan(plan).trajectory("A").electrode is None
-    assert main([*edit, "D08"]) == 1
+    assert main([*edit, "D08"]) == 2
     assert "unknown electrode 'D08'" in capsys.readouterr().err
 
 
@@ -296,7 +296,9 @@ BAD = [
     (["add", "{plan}", "B", "--entry", "0", "0", "300", *POINTS[4:]], 1, "outside the scan"),
     (["add", "{plan}", "B", "--entry", "-20", "10", "88", *POINTS[4:]], 1, "in air"),
     (["add", "{plan}", "B", *POINTS[:4], "--target", "90", "0", "20", *POINTS[8:]], 1, "in air"),
-    (["add", "{plan}", "B", *POINTS, "--instrument", "laser"], 1, "unknown instrument 'laser'"),
+    (["add", "{plan}", "B", *POINTS, "--instrument", "laser"], 2, "unknown instrument 'laser'"),
+    (["add", "{plan}", "B", *POINTS, "--diameter", "-2", "--length", "9"], 2, "diameter of -2.0 mm"),
+    (["add", "{plan}", "B", *POINTS, "--colour", "Red"], 2, "--colour: 'Red' is no colour; expected #rrggbb"),
     (["add", "{plan}", "B", *POINTS, "--diameter", "2"], 2, "--length"),
     (["add", "{plan}", "B", *POINTS, "--notes", "\udcff"], 1, "notes: holds characters that are no text"),
     (["add", "{plan}", "B", *POINTS[:-2]], 2, "--coordinates"),
