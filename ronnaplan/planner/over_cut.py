@@ -80,10 +80,9 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
     cut = state.look.cut(view)
     half = cut.field_mm / 2
     wide, high = (half * share for share in pane.halves)
-    names = pane.names(half)  # what stands first below keeps its place
+    names = pane.names(half)
     paths = [_path(one, cut, pane, one.name == state.look.selected) for one in state.case.plan.trajectories]
-    chosen = names.of_paths([one for one in paths if one["selected"]])
-    markers = names.of_places(_markers(state, cut, show_rejected, (wide, high)))
+    points = [one | {"r": half * BESIDE_HALVES} for one in _points(state, cut, (wide, high))]
     return {
         "box": f"{-wide} {-high} {2 * wide} {2 * high}",
         "half": half,
@@ -93,11 +92,7 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
         "scale": max((mm for mm in SCALES_MM if mm <= LONGEST_SCALE * cut.field_mm), default=SCALES_MM[0]),
         "title": _title(state, view, cut),
         "cross": _pair(cut, state.look.crosshair_mm) if view in STANDARD_NAMES else None,
-        "markers": markers,
-        "paths": [*names.of_paths([one for one in paths if not one["selected"]]), *chosen],  # over all others
-        "points": names.of_places(
-            [one | {"r": half * BESIDE_HALVES} for one in _points(state, cut, (wide, high))]
-        ),
+        **names.of_all(paths, _markers(state, cut, show_rejected, (wide, high)), points),
         "regions": [
             {**one, "colour": shown.colour}
             for one in state.outlines.drawn(view, cut, pane)

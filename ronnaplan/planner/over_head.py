@@ -64,17 +64,13 @@ def over_head(
     points += [_point(camera, one.name, one.tip_mm, TOOL_COLOUR) for one in state.following.seen]
     names = Names(pane.room(1.0))
     paths = [_path(camera, one, state) for one in state.case.plan.trajectories]
-    chosen = names.of_paths([one for one in paths if one["selected"]])  # what stands first keeps its place
-    markers = names.of_places(_markers(state, camera, show_rejected))
     points.append(_point(camera, "", state.look.crosshair_mm, CROSS_COLOUR))
     if state.look.begun_mm is not None:
         points.append(_point(camera, "entry", state.look.begun_mm, BEGUN_COLOUR))
     return {
         **drawn,
         "title": wanting or _title(state, drawn_here=drawn_here),
-        "markers": markers,
-        "paths": [*names.of_paths([one for one in paths if not one["selected"]]), *chosen],  # over all others
-        "points": names.of_places([one for one in points if one is not None]),
+        **names.of_all(paths, _markers(state, camera, show_rejected), [one for one in points if one is not None]),
         "rulers": drawn_rulers(
             state, lambda points: camera.on_screen(points)[:, :2], lambda _: True, names, drawn["half"]
         ),

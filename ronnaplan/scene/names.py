@@ -79,6 +79,22 @@ class Names:
         self.room = room
         self._taken = list(taken)
 
+    def of_all(
+        self,
+        paths: Sequence[dict[str, Any]],
+        markers: Sequence[dict[str, Any]],
+        points: Sequence[dict[str, Any]],
+    ) -> dict[str, list[dict[str, Any]]]:
+        """Return ``paths``, ``markers`` and ``points``, each with where its name is ``written``.
+
+        The selected path's name goes first, for it is looked at, then those of markers, other paths and points. It
+        comes last of the paths, to be drawn over all others.
+        """
+        chosen = self.of_paths([one for one in paths if one["selected"]])
+        named = self.of_places(markers)
+        others = self.of_paths([one for one in paths if not one["selected"]])
+        return {"paths": [*others, *chosen], "markers": named, "points": self.of_places(points)}
+
     def of_places(self, drawn: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         """Return what is drawn (x, y, r, label), each with where its label is ``written``: so far as ``r`` from it."""
         return [one | {"written": self._written(one["label"], one["x"], one["y"], one["r"])} for one in drawn]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ronnaplan.scene.files import PAGE
-from ronnaplan.scene.names import GAP, LINE_EM, Names, Room
+from ronnaplan.scene.names import GAP, LINE_EM, LINES, Names, Room
 from tests.loops import apart
 from tests.planner.browser import chromium, needs_browser
 
@@ -30,6 +30,15 @@ def test_a_name_stands_to_the_right_of_its_entry_and_to_the_left_where_the_pictu
     assert (right["anchor"], left["anchor"]) == ("start", "end")
     assert 0.0 < right["x"] < 0.1
     assert 1.4 < left["x"] < 1.5
+
+
+def test_the_selected_path_is_named_first_and_drawn_last() -> None:
+    paths = [{"name": name, "entry": [0.0, 0.0], "selected": name == "chosen"} for name in ("chosen", "other")]
+    spots = [{"label": label, "x": 0.0, "y": 0.0, "r": GAP} for label in ("marker", "point")]
+    drawn = Names(ROOM).of_all(paths, spots[:1], spots[1:])
+    assert [one["name"] for one in drawn["paths"]] == ["other", "chosen"]
+    named = [drawn["paths"][1], *drawn["markers"], drawn["paths"][0], *drawn["points"]]
+    assert [round((one["written"]["y"] + GAP) / LINE) for one in named] == list(LINES[:4])
 
 
 def test_a_name_that_fits_on_neither_side_begins_within_the_picture() -> None:
