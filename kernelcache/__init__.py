@@ -40,7 +40,7 @@ PATIENCE_S = 60.0
 lock behind where the system knows none."""
 
 NO_MORE: dict[str, Any] = {"no_cfunc_wrapper": True}
-"""Nobody calls a kernel from C; numba would compile a tenth longer for that."""
+"""Nobody calls a kernel from C; numba would compile a tenth longer for that. Its stubs do not know the option."""
 
 PLAIN = (bool, int, float, complex, str, bytes, np.generic)
 """Constants whose text tells their value."""

@@ -64,8 +64,8 @@ class OpenCase:
         self.registration: RegistrationDocument | None = case.registration
         self.surroundings: Surroundings = case.surroundings
         self.before_drag: Plan | None = None
-        self.unwritten: Plan | None = None
-        """The next plan, where it could not be written and nothing else was done since."""
+        self.unwritten: Callable[[], None] | None = None
+        """Makes the last change that could not be written."""
         self.followers: list[Callable[[Plan, Plan], None]] = []
         """Told of every change of the plan: as it was, and as it is."""
         self._steps = Steps()
@@ -161,23 +161,28 @@ class OpenCase:
         """Keep a plan that is one step further; one that changes nothing is no step."""
         if plan is self.plan:
             return
-        after = sound(self.plan, plan, self.surroundings.head)
+        before = self.plan
+        after = sound(before, plan, self.surroundings.head)
         try:
             self._keep_plan(after)
         except UnwrittenError:
-            self.unwritten = plan
+            self.unwritten = lambda: self._change_plan_again(before, plan)
             raise
         self._steps.add(None)
+
+    def _change_plan_again(self, before: Plan, plan: Plan) -> None:
+        self.change_plan(plan if self.plan is before else merged(before, plan, self.plan))
 
     def write_again(self) -> bool:
         """Make the change that could not be written, if there is one; return whether it was made.
 
-        Raises `UnwrittenError`, and keeps it, where it still cannot be; what else is wrong with it now ends it.
+        Raises `UnwrittenError`, and keeps it, where it still cannot be; what else is wrong with it now ends it. Not
+        to be called while an end is dragged, which goes on from the plan as it was.
         """
-        plan, self.unwritten = self.unwritten, None
-        if plan is not None:
-            self.change_plan(plan)
-        return plan is not None
+        change, self.unwritten = self.unwritten, None
+        if change is not None:
+            change()
+        return change is not None
 
     # --- dragging --------------------------------------------------------------------------------------------
 
@@ -189,7 +194,7 @@ class OpenCase:
     def begin_drag(self, name: str) -> None:
         """Begin to move a trajectory with the mouse; a locked one is refused."""
         self.plan.edit(name)
-        self.before_drag, self.unwritten = self.plan, None
+        self.before_drag = self.plan
 
     def drag(self, name: str, end: str, place_mm: FloatArray) -> None:
         """Move one end of a trajectory to any place (3,), LPS mm; the whole drag is one step that can be undone."""
@@ -226,15 +231,28 @@ class OpenCase:
 
     def reject_marker(self, label: str) -> None:
         """Turn a marker down."""
-        self.replace_markers(marker_edits.reject(self.found, label))
+        self._edit_markers(marker_edits.reject(self.found, label))
 
     def accept_marker(self, index: int) -> None:
         """Take the ``index``-th rejected candidate back, if it was a person who turned it down."""
-        self.replace_markers(marker_edits.accept(self.found, index))
+        self._edit_markers(marker_edits.accept(self.found, index))
 
     def rename_marker(self, label: str, new: str) -> None:
         """Give a marker another label; a registration of the markers gets it, too."""
-        self.replace_markers(marker_edits.rename(self.found, label, new))
+        self._edit_markers(marker_edits.rename(self.found, label, new))
+
+    def _edit_markers(self, edited: FiducialsDocument) -> None:
+        before = self.found
+        try:
+            self.replace_markers(edited)
+        except UnwrittenError:
+            self.unwritten = lambda: self._edit_markers_again(before, edited)
+            raise
+
+    def _edit_markers_again(self, before: FiducialsDocument, edited: FiducialsDocument) -> None:
+        if self.fiducials is not before:
+            raise InputError("the markers were changed meanwhile; look at them as they are now, then change them")
+        self._edit_markers(edited)
 
     def keep_registration(self, found: RegistrationDocument) -> None:
         """Keep a registration in the place of the one there was; this is no step that can be undone."""
@@ -289,7 +307,7 @@ class OpenCase:
         self._show_plan(written)
 
     def _show_plan(self, plan: Plan) -> None:
-        before, self.plan, self.unwritten = self.plan, plan, None
+        before, self.plan = self.plan, plan
         for follow in self.followers:
             follow(before, plan)
 

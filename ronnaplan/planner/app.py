@@ -177,9 +177,7 @@ class PlannerApp:
         with tab.told():
             self.working.require_idle()
             if self.state.case.unwritten is not None:
-                raise UsageError(
-                    "the last change of the plan is not written yet; let it be written, or give it up first"
-                )
+                raise UsageError("the last change is not written yet; let it be written, or give it up first")
             asyncio.get_running_loop().call_later(LEAVING_S, self.leave)
         tab.shown.flush()
 

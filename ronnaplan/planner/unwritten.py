@@ -12,7 +12,12 @@ WRITTEN = "the change that could not be written is written now"
 
 
 def write_again(case: OpenCase, tabs: Collection[Tab]) -> bool:
-    """Try to write what could not be, and show on each page what waits; return whether it has to be drawn anew."""
+    """Try to write what could not be, and show on each page what waits; return whether it has to be drawn anew.
+
+    What is dragged is let go first.
+    """
+    if case.dragging:
+        return False
     why: RonnaplanError | None = None
     drawn = False
     try:
@@ -36,6 +41,6 @@ def _unsaved(tab: Tab, why: RonnaplanError | None) -> dict[str, object]:
     """Return what is not kept yet and why; empty where all is."""
     if tab.unkept is not None:
         tab.keep()
-    waits = [*(["the last change of the plan"] if why else []), *(["where you look"] if tab.unkept else [])]
+    waits = [*(["the last change"] if why else []), *(["where you look"] if tab.unkept else [])]
     told = {"what": " and ".join(waits), "why": str(why or tab.unkept), "change": why is not None}
     return told if waits else {}

@@ -12,7 +12,7 @@ import pytest
 from ronnaplan.documents.fiducials import read_fiducials
 from ronnaplan.documents.plan import change_plan, read_plan, write_plan
 from ronnaplan.documents.reading import to_json
-from ronnaplan.errors import FrameMismatchError, InputError
+from ronnaplan.errors import FrameMismatchError, InputError, UnwrittenError
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Plan
 from tests import cases
@@ -274,12 +274,50 @@ def test_a_damaged_document_does_not_hide_what_is_new_in_another(state: PlannerS
     assert state.storage.fiducials.read_text() == "{"
 
 
+def full(handle: int) -> None:
+    raise OSError(28, "No space left on device")
+
+
+def test_a_change_of_plan_or_markers_that_could_not_be_written_is_made_later_beside_what_was_made_meanwhile(
+    state: PlannerState, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case, before = state.case, len(state.case.plan.trajectories)
+    for change in (lambda: case.edit("left", notes="waited"), lambda: case.reject_marker("F2")):
+        monkeypatch.setattr(os, "fsync", full)
+        for attempt in (change, case.write_again):
+            with pytest.raises(UnwrittenError, match="No space left"):
+                attempt()
+        monkeypatch.undo()
+        state.add_trajectory(cases.ENTRY_MM, T)  # before the next attempt
+        assert case.write_again()
+        assert not case.write_again()
+    written = read_plan(state.storage.plan)
+    assert written.trajectory("left").notes == "waited"
+    assert len(written.trajectories) == before + 2
+    assert "F2" not in labels(state)
+    for _ in range(4):
+        case.undo()
+    assert len(case.plan.trajectories) == before
+    assert case.plan.trajectory("left").notes == ""
+    assert "F2" in labels(state)
+
+
+def test_an_edit_of_markers_that_others_replaced_meanwhile_is_not_made_later(
+    state: PlannerState, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(UnwrittenError):
+        state.case.reject_marker("F2")
+    monkeypatch.undo()
+    state.case.rename_marker("F2", "B")
+    with pytest.raises(InputError, match="the markers were changed meanwhile; look"):
+        state.case.write_again()
+    assert not state.case.write_again()
+    assert "B" in labels(state)
+
+
 def test_what_cannot_be_written_is_as_it_was_before(state: PlannerState, monkeypatch: pytest.MonkeyPatch) -> None:
     plan, found, redo = state.case.plan, state.case.found, state.case.can_redo
-
-    def full(handle: int) -> None:
-        raise OSError(28, "No space left on device")
-
     monkeypatch.setattr(os, "fsync", full)
 
     def drag() -> None:

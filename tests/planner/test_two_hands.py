@@ -64,7 +64,7 @@ def test_a_write_that_fails_is_said_and_made_once_it_can_be(kept: Planner) -> No
             assert state["chosen"]["notes"] == before
             state = await shown(page, lambda state: bool(state["unsaved"]))
             assert state["unsaved"]["change"]
-            assert "the last change of the plan" in state["unsaved"]["what"]
+            assert "the last change" in state["unsaved"]["what"]
             assert path.read_bytes() == written
             await page.trigger("select", "left")  # to look about is no change, and is refused by no disk
             await page.trigger("layout", "four")
