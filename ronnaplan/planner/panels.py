@@ -231,4 +231,5 @@ def placement_line(state: PlannerState) -> str:
     placed = state.offers.placement
     if placed is None:
         return ""
-    return f"{len(placed.centers_mm)} places, shown in magenta in the 3-D view: {placement_sentence(placed)}"
+    told = f"{len(placed.centers_mm)} places, shown in magenta in the 3-D view: {placement_sentence(placed)}"
+    return f"{told}; {placed.doubt}" if placed.doubt else told

@@ -20,6 +20,7 @@ from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, Points, as_points
 from ronnaplan.planning.sites import PlacementRules, Sites, allowed_sites, even_layout
 from ronnaplan.planning.uncertainty import ExpectedPose
+from ronnaplan.text import listed
 
 if TYPE_CHECKING:
     from ronnaplan.correspondence import Layout
@@ -41,7 +42,7 @@ class Placement:
     ``diameter_mm`` is theirs, ``expected`` the error of the registration that they will give and ``tre_rms_mm`` (T,)
     that at each target. ``rival_distance_mm`` tells how far the layout is from being taken for itself in another order,
     ``allowed`` the number of sites that were open, ``even_tre_mm`` the largest expected error of as many markers spread
-    evenly over them (mean of some spreads).
+    evenly over them (mean of some spreads), ``doubt`` why some places may not do.
     """
 
     scalp_mm: FloatArray
@@ -54,6 +55,7 @@ class Placement:
     refusal_probability: float
     allowed: int
     even_tre_mm: float
+    doubt: str | None
 
     @property
     def largest_tre_mm(self) -> float:
@@ -109,6 +111,18 @@ def place_markers(
         layout.refusal_probability(rules.sigma_ct_mm, rules.sigma_ots_mm),
         len(allowed),
         even_tre_mm(allowed, targets, count, rules, generator),
+        None if rules.lowest_mm is not None else _low_doubt(allowed.scalp_mm[chosen], sites.inside_mm),
+    )
+
+
+def _low_doubt(scalp_mm: FloatArray, inside_mm: FloatArray) -> str | None:
+    """Return which places (N, 3) lie in the lower half of what is scanned, where nothing tells a face from a scalp."""
+    low = [f"M{n}" for n, place in enumerate(scalp_mm, 1) if place[2] < inside_mm[2]]
+    if not low:
+        return None
+    return (
+        f"below the middle of the head as it is scanned (z {inside_mm[2]:.0f} mm), and so perhaps on face or neck: "
+        f"{listed(low)}; look at them, or leave out what lies lower than you want (plan markers --lowest Z)"
     )
 
 

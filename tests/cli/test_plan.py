@@ -181,7 +181,9 @@ def test_markers_are_proposed_and_written_for_slicer(
     output = tmp_path / "markers.mrk.json"
     ask = ["plan", "markers", "--ct", str(ct), "--plan", str(plan), "--count", "5", "--tracker", "left"]
     assert main([*ask, "-o", str(output)]) == 0
-    assert "largest expected TRE" in capsys.readouterr().out
+    shown = capsys.readouterr()
+    assert "largest expected TRE" in shown.out
+    assert "warning: below the middle of the head" in shown.err
     points = json.loads(output.read_text())["markups"][0]["controlPoints"]
     assert [point["label"] for point in points] == ["M1", "M2", "M3", "M4", "M5"]
     assert main(["plan", "markers", "--ct", str(ct), "--count", "5"]) == 1

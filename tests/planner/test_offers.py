@@ -57,5 +57,7 @@ def test_marker_places_hold_for_the_trajectories_they_were_asked_for(state: Plan
     told = ExpectedPose.planned(points).tre_rms_mm([cases.TARGET_MM])
     assert placed.largest_tre_mm == told[0]  # as `plan check` tells it of markers that stand there
     assert "4 places" in placement_line(state)
+    assert placed.doubt is not None
+    assert placement_line(state).endswith(placed.doubt)
     state.case.edit("left", target_mm=T + np.array([0, 0, 1]))
     assert placement_line(state) == ""
