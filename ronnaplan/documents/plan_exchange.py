@@ -18,7 +18,7 @@ from ronnaplan.planning.electrodes import electrode_named
 from ronnaplan.planning.plan import Plan
 from ronnaplan.planning.trajectory import Instrument, Trajectory, instrument_named
 from ronnaplan.text import BLANKS
-from ronnaplan.tracking.slicer import LPS_FROM_RAS, Markup, read_markups_file
+from ronnaplan.tracking.slicer import LINE, LPS_FROM_RAS, Markup, read_markups_file
 from ronnaplan.tracking.tables import number, plain_text, read_rows, require_table, unescaped
 
 SYSTEMS = ("LPS", "RAS")
@@ -65,7 +65,7 @@ def read_line_markups(
     ``target`` are taken as such; for other labels ``first`` must say what the first point is, for tools differ.
     Raises `InputError`.
     """
-    lines = [markup for markup in read_markups_file(Path(path)) if markup.type == "Line"]
+    lines = [markup for markup in read_markups_file(Path(path)) if markup.type == LINE]
     if not lines:
         raise InputError(f"{os.fspath(path)} holds no line; export the trajectories as line markups")
     return [_from_line(line, frame, instrument, system, first) for line in lines]
@@ -160,7 +160,7 @@ def _line(trajectory: Trajectory) -> dict[str, Any]:
     ]
     shade = [int(trajectory.colour[at : at + 2], 16) / 255 for at in (1, 3, 5)]
     return {
-        "type": "Line",
+        "type": LINE,
         "name": trajectory.name,
         "coordinateSystem": "LPS",
         "coordinateUnits": "mm",

@@ -169,7 +169,10 @@ def _begins_as_readings(file: Path) -> bool:
 
 @lru_cache(maxsize=4096)
 def _seems_readings(file: Path, changed_ns: int, size: int) -> bool:
+    from ronnaplan.documents.plan_exchange import CONTACTS_HEADER
     from ronnaplan.tracking import BEGINNING_BYTES, may_hold_readings
 
     with file.open("rb") as stream:
-        return may_hold_readings(file.name, stream.read(BEGINNING_BYTES))
+        beginning = stream.read(BEGINNING_BYTES)
+    is_plan_s = beginning.startswith(",".join(CONTACTS_HEADER).encode())  # the contacts of its electrodes
+    return not is_plan_s and may_hold_readings(file.name, beginning)

@@ -29,6 +29,8 @@ FCSV_UNNAMED = ("position status", "auto created")
 FCSV_STATUS = {"0": "undefined", "1": "preview", "2": OK, "3": "missing"}
 TABLE_AXES = {"LPS": ("l", "p", "s"), "RAS": ("r", "a", "s")}
 """The columns of a table of control points, which name its coordinates."""
+LINE = "Line"
+"""The type of a markup that tells a path, as trajectories go to and from Slicer: two ends, not what a tracker read."""
 MOST_MARKUPS_BYTES = 2**26
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -89,15 +91,23 @@ def read_markups_file(path: Path) -> tuple[Markup, ...]:
 
 
 def seems_markups(beginning: bytes) -> bool:
-    """Whether a JSON text begins as a ``.mrk.json`` does: with the list of its markups."""
-    return re.search(rb'"markups"\s*:\s*\[', beginning) is not None
+    """Whether a JSON text begins as a ``.mrk.json`` does: with a list of markups of which the first is no line."""
+    found = re.search(rb'"markups"\s*:\s*\[', beginning)
+    first = re.search(rb'"type"\s*:\s*"(\w*)"', beginning[found.end() :]) if found else None
+    return found is not None and (first is None or first[1] != LINE.encode())
 
 
 def read_markups(path: Path) -> Recording:
-    """Read the control points of every markup in ``path`` (``.mrk.json``), in LPS; undefined ones are flagged."""
+    """Read the control points of every markup in ``path`` (``.mrk.json``), in LPS; undefined ones are flagged.
+
+    Raises `InputError` for lines alone: their ends are those of paths, which no tracker read.
+    """
+    markups = read_markups_file(path)
+    if markups and all(markup.type == LINE for markup in markups):
+        raise InputError(f"{path} holds lines alone, as trajectories are kept; expected a list of points")
     points = [
         _point(position_mm, point.label, OK if point.positionStatus == "defined" else point.positionStatus)
-        for markup in read_markups_file(path)
+        for markup in markups
         for point, position_mm in zip(markup.controlPoints, markup.positions_mm, strict=True)
     ]
     return Recording(str(path), tuple(points), frame=SLICER)

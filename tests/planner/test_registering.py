@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ronnaplan.documents.plan_exchange import CONTACTS_HEADER, line_markups
 from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import Points
@@ -71,6 +72,7 @@ def test_the_page_offers_files_that_begin_as_readings_and_no_others(state: Plann
     others = {
         **{"truth.json": '{"markers": [], "told": "\\"markups\\": ["}', "cut.mha": "ObjectType = Image\n"},
         **{"limits.json": points, "pivot.json": points, "readings.pdf": "x,y,z", "notes.txt": "of today\n1,2,3"},
+        **{"lines.mrk.json": line_markups(state.case.plan), "contacts.csv": ",".join(CONTACTS_HEADER)},
         **{"paths.csv": "name,entry_x,entry_y,entry_z\nleft,1,2,3\n", "empty.csv": ""},
     }
     for name, text in {**wanted, **others}.items():

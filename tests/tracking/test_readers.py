@@ -18,6 +18,11 @@ from tests.tracking.files import written
         ("r.csv", "", "empty"),
         ("m.mrk.json", "{}", "not a Slicer markups"),
         ("m.mrk.json", "[", "not a Slicer markups"),
+        (
+            "m.mrk.json",
+            '{"markups": [{"type": "Line", "coordinateSystem": "LPS", "controlPoints": []}]}',
+            "holds lines alone, as trajectories are kept; expected a list of points",
+        ),
         ("m.mrk.json", '{"markups": [{"controlPoints": []}]}', r"markups\.0\.coordinateSystem: Field required"),
         ("m.fcsv", "1,2,3,4\n", "header"),
         ("s.mha", "ObjectType = Image\nElementDataFile = LOCAL\n", "no Seq_Frame"),
