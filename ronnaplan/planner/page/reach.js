@@ -2,7 +2,7 @@
 // all else of it is lost. A planner that does not answer is asked for; once it answers again, its state is loaded anew.
 (() => {
   const ASK_MS = 1000, MISSES = 3, AGAIN_MS = 5000;
-  const GONE = `<h3>The planner cannot be reached</h3>
+  const GONE = `<h2>The planner cannot be reached</h2>
     <p>It has ended, or does not answer. What was done is kept in the case's folder; only what was just being dragged or typed is gone.</p>
     <p id="gone-how">Start it again with <kbd>ronnaplan view</kbd>: this page goes on by itself, as it does where the planner was only held
     up.</p>`;
