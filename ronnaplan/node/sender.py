@@ -5,27 +5,15 @@ from __future__ import annotations
 import sqlite3
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import Final
 
-from pydicom import dcmread
 from pydicom.dataset import Dataset
-from pydicom.uid import (
-    Comprehensive3DSRStorage,
-    EncapsulatedPDFStorage,
-    SecondaryCaptureImageStorage,
-    SpatialFiducialsStorage,
-    SpatialRegistrationStorage,
-)
 
-from ronnaplan.ct.header import EXPLICIT_LITTLE
 from ronnaplan.errors import InputError, RonnaplanError
 from ronnaplan.node.audit import Audit, Instances
+from ronnaplan.node.channels import Channel, open_channel
 from ronnaplan.node.commitment import (
-    ASK,
     COMMITMENT,
     WELL_KNOWN,
     Named,
@@ -38,24 +26,11 @@ from ronnaplan.node.config import Config, Peer
 from ronnaplan.node.index import Index
 from ronnaplan.node.jobs import wait_s
 from ronnaplan.node.logs import Log
-from ronnaplan.node.web import unreached, web_client
 from ronnaplan.text import printable
-
-if TYPE_CHECKING:
-    from pynetdicom.association import Association
 
 MOST_AT_ONCE: Final = 32
 IDLE_S: Final = 0.2
 RESTART_S: Final = 1.0
-CLASSES: Final = (
-    *(SpatialFiducialsStorage, SpatialRegistrationStorage),
-    *(Comprehensive3DSRStorage, EncapsulatedPDFStorage, SecondaryCaptureImageStorage),
-)
-"""What is sent."""
-WARNINGS: Final = frozenset({0xB000, 0xB006, 0xB007})
-"""Statuses of C-STORE that say that the instance was kept, if not as it was."""
-STORED: Final = 200
-"""Status of HTTP that says that every instance was stored (PS3.18, 10.5.3)."""
 
 
 @dataclass(frozen=True)
@@ -67,18 +42,6 @@ class Delivery:
     sop_class: str
     path: str
     study_uid: str
-
-
-class Channel(Protocol):
-    """An open way to a receiver; ``commits`` says whether it offers storage commitment."""
-
-    commits: bool
-
-    def ask(self, request: Dataset) -> None:
-        """Ask for storage commitment; raises `InputError` where the request is not taken, others where nobody knows."""
-
-    def send(self, path: Path) -> None:
-        """Hand over a file; raises `InputError` where it is not taken."""
 
 
 class Sender(threading.Thread):
@@ -248,70 +211,3 @@ def senders_of(config: Config, log: Log) -> list[Sender]:
     receivers = {name for rule in config.rule for name in rule.receivers}
     receivers |= {peer.name for peer in config.peer if peer.sends and peer.port}
     return [Sender(config, peer, log) for peer in config.peer if peer.name in receivers]
-
-
-@contextmanager
-def open_channel(config: Config, peer: Peer) -> Iterator[Channel]:
-    """Open a way to ``peer``; raises `InputError` where it cannot be reached."""
-    if peer.url is not None:
-        yield _Web(config, peer)
-        return
-    from ronnaplan.node.association import associated
-
-    with associated(config, peer, [*CLASSES, COMMITMENT]) as association:
-        yield _Storage(association, peer)
-
-
-class _Storage:
-    def __init__(self, association: Association, peer: Peer) -> None:
-        self._association, self._peer = association, peer
-        self.commits = any(one.abstract_syntax == COMMITMENT for one in association.accepted_contexts)
-        # pynetdicom sends a file as it lies there, piece by piece, and what must be encoded anew, from a copy of it all
-        self._as_it_is = all(one.transfer_syntax[0] == EXPLICIT_LITTLE for one in association.accepted_contexts)
-
-    def ask(self, request: Dataset) -> None:
-        status, _ = self._association.send_n_action(request, ASK, COMMITMENT, WELL_KNOWN)
-        if "Status" not in status:
-            raise ConnectionError(
-                f"{self._peer.name} went before it took a request for storage commitment; it may have to be told of "
-                "this node (Orthanc: DicomModalities)"
-            )
-        if status.Status != 0:
-            raise InputError(f"{self._peer.name} takes no request for storage commitment")
-
-    def send(self, path: Path) -> None:
-        try:
-            answer = self._association.send_c_store(path if self._as_it_is else dcmread(path))
-        except (ValueError, RuntimeError, OSError) as error:  # no context for its class, no connection any more
-            raise InputError(f"{self._peer.name} takes it not: {error}") from error
-        status = answer.Status if "Status" in answer else None
-        if status != 0 and status not in WARNINGS:
-            said = "nothing" if status is None else f"{status:04X}"
-            raise InputError(f"{self._peer.name} answered {said}; expected 0000")
-
-
-class _Web:
-    def __init__(self, config: Config, peer: Peer) -> None:
-        self._peer, self.commits = peer, False
-        self._client, self._heard = web_client(peer, config.limits.silent_s)
-
-    def ask(self, request: Dataset) -> None:
-        raise InputError(f"{self._peer.name} is spoken to by DICOMweb, which has no storage commitment")
-
-    def send(self, path: Path) -> None:
-        import requests
-
-        sent = dcmread(path)
-        try:
-            answer = self._client.store_instances([sent])
-        except (requests.RequestException, OSError) as error:
-            raise unreached(self._peer, error) from error
-        for failed in answer.get("FailedSOPSequence") or []:
-            raise InputError(
-                f"{self._peer.name} answered {failed.get('FailureReason', 0):04X}; expected no failure"
-            )
-        stored = {one.get("ReferencedSOPInstanceUID") for one in answer.get("ReferencedSOPSequence") or []}
-        if sent.SOPInstanceUID not in stored and (stored or self._heard.status != STORED):
-            raise InputError(
-                f"{self._peer.name} answered {self._heard.status} and does not say that it has stored the instance"
-            )

@@ -22,9 +22,9 @@ from pynetdicom import AE, evt
 from ronnaplan.ct.kinds import CT_IMAGE
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.node.archives import FIND, GET, MOVE, open_archive
+from ronnaplan.node.channels import open_channel
 from ronnaplan.node.config import Config, Limits, Peer
 from ronnaplan.node.pull import Wanted, pull
-from ronnaplan.node.sender import open_channel
 from tests.ct import makers
 from tests.node.peers import free_port
 
