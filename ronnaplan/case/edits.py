@@ -9,17 +9,15 @@ from typing import Any
 
 from ronnaplan.case import marker_edits
 from ronnaplan.case.folder import Case, CaseFiles, placement_at
+from ronnaplan.case.kept_files import KeptFiles
 from ronnaplan.case.steps import MarkerStep, Steps
 from ronnaplan.case.surroundings import Judgement, Labels, Rules, Surroundings
 from ronnaplan.ct import CTVolume
 from ronnaplan.documents.agreement import disagreement
-from ronnaplan.documents.fiducials import FiducialsDocument, read_fiducials
-from ronnaplan.documents.kept import Kept
-from ronnaplan.documents.plan import plan_text, read_plan
-from ronnaplan.documents.reading import to_json
-from ronnaplan.documents.registration import RegistrationDocument, read_registration
+from ronnaplan.documents.fiducials import FiducialsDocument
+from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.documents.revision import revised
-from ronnaplan.errors import InputError, RonnaplanError, UnwrittenError, UsageError
+from ronnaplan.errors import InputError, UnwrittenError, UsageError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import Head, Instrument, Landmarks, Plan, Trajectory
 from ronnaplan.planning.electrodes import electrode_chosen
@@ -50,11 +48,7 @@ class OpenCase:
         self, volume: CTVolume, files: CaseFiles, rules: Rules | None = None, no_go: Labels | None = None
     ) -> None:
         """Open the case of ``volume`` whose documents lie at ``files``, or will; raises what `Case` raises."""
-        if files.plan is None or files.fiducials is None or files.registration is None:
-            raise UsageError("a case is worked on in three files; name plan, fiducials and registration")
-        self._kept_plan = Kept(files.plan, read_plan, plan_text, merged)
-        self._kept_fiducials = Kept(files.fiducials, read_fiducials, to_json)
-        self._kept_registration = Kept(files.registration, read_registration, to_json)
+        self._kept = KeptFiles(files)
         self.placement = placement_at(files.placement)
         """Of the robot, as it was when the case was opened."""
         case = self._read(volume, rules or Rules(), no_go or {})
@@ -78,25 +72,7 @@ class OpenCase:
         """
         if self.dragging:
             return False
-        kept: tuple[Kept[Any], ...] = (self._kept_plan, self._kept_fiducials, self._kept_registration)
-        before = [one.content for one in kept]
-        unread: list[RonnaplanError] = []
-        for one in kept:
-            try:
-                one.look_again()
-            except RonnaplanError as error:
-                unread.append(error)
-        changed = any(one.content is not content for one, content in zip(kept, before, strict=True))
-        if changed:
-            try:
-                self._take_over(self._read(self.volume, self.rules, self.no_go))
-            except RonnaplanError:
-                for one, content in zip(kept, before, strict=True):  # the next change is made to what is shown
-                    one.content = content
-                raise
-        if unread:
-            raise unread[0]
-        return changed
+        return self._kept.look_again(lambda: self._take_over(self._read(self.volume, self.rules, self.no_go)))
 
     def _take_over(self, case: Case) -> None:
         if (case.fiducials, case.registration) != (self.fiducials, self.registration):
@@ -256,7 +232,7 @@ class OpenCase:
 
     def keep_registration(self, found: RegistrationDocument) -> None:
         """Keep a registration in the place of the one there was; this is no step that can be undone."""
-        self.registration = self._kept_registration.write(revised(found, self._kept_registration.content))
+        self.registration = self._kept.registration.write(revised(found, self._kept.registration.content))
         self.surroundings = self.surroundings.with_documents(self.fiducials, self.registration)
 
     @property
@@ -301,7 +277,7 @@ class OpenCase:
         self._steps.make_again(step)
 
     def _keep_plan(self, plan: Plan) -> None:
-        written = self._kept_plan.write(plan)
+        written = self._kept.plan.write(plan)
         if written is not plan:
             self._steps.count_others(len(written.history) - len(plan.history))
         self._show_plan(written)
@@ -313,11 +289,11 @@ class OpenCase:
 
     def _keep_fiducials(self, found: FiducialsDocument) -> None:
         before = self.fiducials
-        self.fiducials = self._kept_fiducials.write(revised(found, self._kept_fiducials.content))
+        self.fiducials = self._kept.fiducials.write(revised(found, self._kept.fiducials.content))
         if before is not None and self.registration is not None:
             renamed = marker_edits.carried_over(self.registration, before, self.fiducials)
             if renamed != self.registration:
-                kept = self._kept_registration
+                kept = self._kept.registration
                 # Unwritten, as where another hand changed it, it is of markers that are not there, and said so.
                 with suppress(InputError):
                     self.registration = kept.write(revised(renamed, kept.content))
@@ -325,9 +301,7 @@ class OpenCase:
 
     def _read(self, volume: CTVolume, rules: Rules, no_go: Labels) -> Case:
         """Return the documents as they were last seen, checked to belong together."""
-        plan, fiducials, registration = self._kept_plan, self._kept_fiducials, self._kept_registration
-        documents = (plan.content, fiducials.content, registration.content)
-        return Case(volume, *documents, rules, no_go, placement=self.placement)
+        return Case(volume, *self._kept.documents, rules, no_go, placement=self.placement)
 
 
 def _ends_mm(one: Trajectory) -> tuple[float, ...]:

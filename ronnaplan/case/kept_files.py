@@ -1,0 +1,61 @@
+"""The three files of an open case, as they were last seen or written: what another hand does to them is noticed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from ronnaplan.case.folder import CaseFiles
+from ronnaplan.documents.fiducials import FiducialsDocument, read_fiducials
+from ronnaplan.documents.kept import Kept
+from ronnaplan.documents.plan import plan_text, read_plan
+from ronnaplan.documents.reading import to_json
+from ronnaplan.documents.registration import RegistrationDocument, read_registration
+from ronnaplan.errors import RonnaplanError, UsageError
+from ronnaplan.planning import Plan
+from ronnaplan.planning.merging import merged
+
+Documents = tuple[Plan | None, FiducialsDocument | None, RegistrationDocument | None]
+
+
+class KeptFiles:
+    """Plan, fiducials and registration; each ``content`` is None where there is no file yet."""
+
+    def __init__(self, files: CaseFiles) -> None:
+        """Read what there is of ``files``; raises `UsageError` unless all three are named."""
+        if files.plan is None or files.fiducials is None or files.registration is None:
+            raise UsageError("a case is worked on in three files; name plan, fiducials and registration")
+        self.plan = Kept(files.plan, read_plan, plan_text, merged)
+        self.fiducials = Kept(files.fiducials, read_fiducials, to_json)
+        self.registration = Kept(files.registration, read_registration, to_json)
+
+    @property
+    def documents(self) -> Documents:
+        """The documents as they were last seen."""
+        return self.plan.content, self.fiducials.content, self.registration.content
+
+    def look_again(self, take_over: Callable[[], None]) -> bool:
+        """Have ``take_over`` called where another hand has written anything; return whether it was.
+
+        Raises `InputError` for a document that cannot be read, after the others were taken over, and what
+        ``take_over`` raises; then the documents are as before.
+        """
+        kept: tuple[Kept[Any], ...] = (self.plan, self.fiducials, self.registration)
+        before = self.documents
+        unread: list[RonnaplanError] = []
+        for one in kept:
+            try:
+                one.look_again()
+            except RonnaplanError as error:
+                unread.append(error)
+        changed = any(now is not then for now, then in zip(self.documents, before, strict=True))
+        if changed:
+            try:
+                take_over()
+            except RonnaplanError:
+                for one, content in zip(kept, before, strict=True):  # the next change is made to what is shown
+                    one.content = content
+                raise
+        if unread:
+            raise unread[0]
+        return changed
