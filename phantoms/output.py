@@ -89,8 +89,11 @@ def write_phantom(
             (fresh / TRUTH_NAME).write_text(text + "\n", encoding="utf-8")
             _exchange(target, fresh, Path(beside) / "old")
     except OSError as error:
+        cause = (
+            error.__cause__ if isinstance(error.__cause__, OSError) else error
+        )  # pydicom tells a whole traceback
         raise PhantomError(
-            f"cannot write to {target}: {error.strerror}; choose a folder you may write to"
+            f"cannot write to {target}: {cause.strerror or cause}; make room, or choose a folder you may write to"
         ) from error
 
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import json
 import shutil
 import subprocess
@@ -8,7 +9,9 @@ from pathlib import Path
 import numpy as np
 import pydicom
 import pytest
+from pydicom.tag import BaseTag, tag_in_exception
 
+from phantoms import output
 from phantoms.anatomy import scalp_foot
 from phantoms.errors import PhantomError
 from phantoms.fast import render
@@ -77,6 +80,21 @@ def test_only_an_earlier_phantom_is_replaced(tmp_path: Path, scene: Scene, stack
 def test_a_failure_leaves_nothing_behind(tmp_path: Path, scene: Scene, stack: SliceStack) -> None:
     with pytest.raises(PhantomError, match="do not fit 16 bits"):
         write_phantom(tmp_path / "ct", scene, stack, render(scene, stack), SeriesOptions(slope=0.01))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_disk_that_fills_amid_the_pixels_is_told_in_a_sentence_and_leaves_nothing_behind(
+    tmp_path: Path, scene: Scene, stack: SliceStack, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where it fills within an element, pydicom raises another error, whose text is a traceback."""
+
+    def full(*_: object) -> None:
+        with tag_in_exception(BaseTag(0x7FE00010)):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(output, "write_series", full)
+    with pytest.raises(PhantomError, match=r"^cannot write to \S+: No space left on device; make room, or choose"):
+        write_phantom(tmp_path / "ct", scene, stack, render(scene, stack), SeriesOptions())
     assert list(tmp_path.iterdir()) == []
 
 
