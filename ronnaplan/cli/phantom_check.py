@@ -87,13 +87,14 @@ def _checked(
     from ronnaplan.documents.phantom_check import CheckedScan
     from ronnaplan.localization import localize
     from ronnaplan.localization.settings import recommended_settings
-    from ronnaplan.registration.phantom_check import check_phantom
+    from ronnaplan.registration.phantom_check import check_phantom, names_of_scan
     from ronnaplan.registration.phantom_verdict import reasons_against
     from ronnaplan.text import printable
 
     volume = read_ct(path, series, progress=True)
     found = localize(volume, diameter_mm=diameter_mm, marker=build)
-    check = check_phantom(phantom, found.points, volume.grid.axes, volume.voxel_sha256)
+    scan = names_of_scan(volume.voxel_sha256, volume.source.series_instance_uid)
+    check = check_phantom(phantom, found.points, volume.grid.axes, scan)
     advice = recommended_settings(volume.grid, found)
     return CheckedScan(printable(path), found, check, reasons_against(check), advice)
 

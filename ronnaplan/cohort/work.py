@@ -170,10 +170,11 @@ def _checked(volume: CTVolume, found: Fiducials, phantom: KnownPhantom) -> dict[
     import numpy as np
     from scipy.spatial.distance import pdist
 
-    from ronnaplan.registration.phantom_check import check_phantom
+    from ronnaplan.registration.phantom_check import check_phantom, names_of_scan
     from ronnaplan.registration.phantom_verdict import reasons_against
 
-    check = check_phantom(phantom, found.points, volume.grid.axes, volume.voxel_sha256)
+    scan = names_of_scan(volume.voxel_sha256, volume.source.series_instance_uid)
+    check = check_phantom(phantom, found.points, volume.grid.axes, scan)
     fit = check.registration
     errors_mm = pdist(fit.fixed_mm) - pdist(fit.moving_mm)
     return {

@@ -26,7 +26,7 @@ from ronnaplan.documents.reading import made
 from ronnaplan.documents.template import TemplateDocument, read_template_document
 from ronnaplan.localization import Fiducials
 from ronnaplan.localization.settings import Advice
-from ronnaplan.registration.phantom_check import KnownPhantom, PhantomCheck
+from ronnaplan.registration.phantom_check import KnownPhantom, PhantomCheck, names_of_scan
 from ronnaplan.registration.phantom_verdict import Estimate, normalized_error, share_within
 
 
@@ -142,10 +142,11 @@ def known_phantom(
         return KnownPhantom.of(
             truth.name, truth.labels, truth.centers_mm, sigma_mm or 0.0, has_hand=bool(truth.centers)
         )
-    points, scan = truth.points, truth.source.voxel_sha256
+    points, source = truth.points, truth.source
+    scan = names_of_scan(source.voxel_sha256, source.series_instance_uid)
     if sigma_mm is None:
-        return KnownPhantom(name, points.labels, points.positions_mm, points.covariances_mm2, voxel_sha256=scan)
-    return KnownPhantom.of(name, points.labels, points.positions_mm, sigma_mm, voxel_sha256=scan)
+        return KnownPhantom(name, points.labels, points.positions_mm, points.covariances_mm2, scan=scan)
+    return KnownPhantom.of(name, points.labels, points.positions_mm, sigma_mm, scan=scan)
 
 
 def phantom_check_document(phantom: KnownPhantom, scans: list[CheckedScan]) -> PhantomCheckDocument:

@@ -50,7 +50,7 @@ class KnownPhantom:
     """Markers ``centers_mm`` (N, 3), known up to ``covariances_mm2`` (N, 3, 3), in any frame of their own.
 
     ``has_hand`` is False where only distances are known, which do not tell a phantom from its mirror image.
-    ``voxel_sha256`` names the scan in which the markers were found; None where their places come from no scan.
+    ``scan`` names the scan in which the markers were found (`names_of_scan`); empty where their places come from none.
     """
 
     name: str
@@ -58,7 +58,7 @@ class KnownPhantom:
     centers_mm: FloatArray
     covariances_mm2: FloatArray
     has_hand: bool = True
-    voxel_sha256: str | None = None
+    scan: frozenset[str] = frozenset()
 
     @classmethod
     def of(
@@ -69,12 +69,12 @@ class KnownPhantom:
         sigma_mm: float = 0.0,
         *,
         has_hand: bool = True,
-        voxel_sha256: str | None = None,
+        scan: frozenset[str] = frozenset(),
     ) -> KnownPhantom:
         """Return a phantom whose places are right within ``sigma_mm`` an axis."""
         centers = as_points(centers_mm, "the phantom's markers")
         covariances = np.tile(max(sigma_mm, PHANTOM_ERROR_MM) ** 2 * np.eye(3), (len(centers), 1, 1))
-        return cls(name, tuple(labels), centers, covariances, has_hand, voxel_sha256)
+        return cls(name, tuple(labels), centers, covariances, has_hand, scan)
 
     @property
     def mirrored(self) -> KnownPhantom:
@@ -188,18 +188,24 @@ class PhantomCheck:
         return told, chi_square, freedom
 
 
+def names_of_scan(voxel_sha256: str | None, series_uid: str | None) -> frozenset[str]:
+    """Return what names a scan: its voxels, and its series, of which a part or a copy has others."""
+    return frozenset(name for name in (voxel_sha256, series_uid) if name)
+
+
 def check_phantom(
-    phantom: KnownPhantom, found: Points, axes: FloatArray, voxel_sha256: str | None = None
+    phantom: KnownPhantom, found: Points, axes: FloatArray, scan: frozenset[str] = frozenset()
 ) -> PhantomCheck:
     """Pair ``phantom`` with the markers ``found`` in a scan with the slice axes ``axes`` (3, 3), and fit it rigidly.
 
-    ``voxel_sha256`` names the scan. Raises `InputError` where the phantom is known from that very scan, or has fewer
-    than `LEAST_MARKERS` markers; `RefusedError` where the scan shows fewer, or they do not pair in exactly one way.
+    ``scan`` names the scan (`names_of_scan`). Raises `InputError` where the phantom is known from that very scan, or
+    has fewer than `LEAST_MARKERS` markers; `RefusedError` where the scan shows fewer, or they do not pair in exactly
+    one way.
     """
-    if voxel_sha256 is not None and voxel_sha256 == phantom.voxel_sha256:
+    if scan & phantom.scan:
         raise InputError(
-            f"the truth '{phantom.name}' was found in this very scan, which would be compared with itself; "
-            "give a template, or the markers of another scan"
+            f"the truth '{phantom.name}' was found in this very scan, or in a part or copy of its series, which would "
+            "be compared with itself; give a template, or the markers of another scan"
         )
     needed = f"a check needs {LEAST_MARKERS} or more"
     if len(phantom.labels) < LEAST_MARKERS:

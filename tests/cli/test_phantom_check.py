@@ -71,7 +71,10 @@ def test_a_scan_is_not_compared_with_what_was_found_in_itself(
         assert not out.exists()
 
     document = json.loads(truth.read_text())
-    document["source"]["voxel_sha256"] = "0" * 64
+    document["source"]["voxel_sha256"] = "0" * 64  # some slices less, say: each center would be the same
+    truth.write_text(json.dumps(document))
+    assert main(check) == 1
+    document["source"]["series_instance_uid"] = "1.2.3"
     truth.write_text(json.dumps(document))
     assert main(check) == 0
 
