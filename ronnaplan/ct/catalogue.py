@@ -30,6 +30,8 @@ DICOMDIR_CLASS: Final = "1.2.840.10008.1.3.10"
 _SCANS: Final = frozenset[str]().union(*CT_OR_MR.values())
 _ENDINGS: Final = (".dcm", ".dcm.gz", ".dcm.part")
 """How files are named that are images, were packed by themselves, or did not come whole."""
+_PACKED: Final = (".tar", ".tgz", ".gz", ".bz2", ".xz", ".zst", ".7z", ".rar")
+"""How files are named that hold others, and are not looked into."""
 _SEEN_BYTES: Final = 132
 """Up to where each DICOM file says that it is one."""
 
@@ -227,13 +229,14 @@ def _is_blank(blob: Blob) -> bool:
 
 
 def _why_no_dicom(blob: Blob) -> str:
-    """Return what a file on the disk is that is no DICOM file, as far as its name tells; "" for any other."""
-    if not isinstance(blob, DiskFile):
-        return ""
-    is_zip = blob.name.lower().endswith(".zip")
+    """Return what a file is that is no DICOM file, as far as its name tells; "" for any other."""
+    name = blob.name.lower()
+    is_zip = name.endswith(".zip")
     if is_zip and not starts_as_archive(blob):
         return "it is no zip archive in spite of its name; copy it again"
-    return "it is an image file or archive; name it by itself" if is_zip or is_image_file(Path(blob.path)) else ""
+    if isinstance(blob, DiskFile) and (is_zip or is_image_file(Path(blob.path))):
+        return "it is an image file or archive; name it by itself"
+    return "it is packed in a way that is not read; unpack it first" if is_zip or name.endswith(_PACKED) else ""
 
 
 def _parts(instances: list[Instance], kinds: Mapping[str, frozenset[str]]) -> list[Series]:

@@ -43,6 +43,27 @@ def test_json_says_the_same_for_a_program(tmp_path: Path, capsys: pytest.Capture
     assert document["series"][0]["spacing_mm"] == [2, 2]
 
 
+@pytest.mark.parametrize("name", ["ct.tar.gz", "ct.tgz", "ct.7z", "0001.dcm.gz"])
+def test_what_is_packed_in_a_way_that_is_not_read_is_told_to_be_unpacked(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / name).write_bytes(b"\x1f\x8b packed")
+    assert main(["series", str(tmp_path / name)]) == 1
+    assert "(it is packed in a way that is not read; unpack it first)" in capsys.readouterr().err
+
+
+def test_an_archive_within_an_archive_is_told_to_be_unpacked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_series(tmp_path / "ct", 1)
+    with zipfile.ZipFile(tmp_path / "inner.zip", "w") as inner:
+        inner.write(next((tmp_path / "ct").iterdir()))
+    with zipfile.ZipFile(tmp_path / "outer.zip", "w") as outer:
+        outer.write(tmp_path / "inner.zip", "inner.zip")
+    assert main(["series", str(tmp_path / "outer.zip")]) == 1
+    assert "unpack it first" in capsys.readouterr().err
+
+
 def test_what_the_parts_of_a_series_differ_in_is_told_of_each_and_of_no_whole_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
