@@ -181,11 +181,12 @@ def _image(instance: Instance, pixels: PixelFormat, frame: int, facts: Elements)
 
 
 def _acquisition(facts: Elements) -> str:
-    """Return what tells acquisitions apart: their number, and in a multi-frame file also the time index."""
+    """Return what tells acquisitions apart: their number, and which of several times it was."""
     frame_numbers = [
         facts[tag].hex() for tag in (tags.TEMPORAL_POSITION_INDEX, tags.FRAME_ACQUISITION_NUMBER) if tag in facts
     ]
-    return " ".join([text(facts, tags.ACQUISITION_NUMBER), *frame_numbers])
+    numbers = [text(facts, tag) for tag in (tags.ACQUISITION_NUMBER, tags.TEMPORAL_POSITION_IDENTIFIER)]
+    return " ".join([*numbers, *frame_numbers])
 
 
 _MOMENT: Final = re.compile(r"(\d{8})?(\d\d)(\d\d)(\d\d(?:\.\d{1,6})?)")

@@ -47,17 +47,17 @@ KEPT: Final = _names(
     GeneratorPower FocalSpots ConvolutionKernel PatientPosition SpiralPitchFactor TotalCollimationWidth
     SingleCollimationWidth TableSpeed TableFeedPerRotation RevolutionTime ScanOptions AcquisitionNumber
     InstanceNumber SeriesNumber ImagePositionPatient ImageOrientationPatient SliceLocation
-    PositionReferenceIndicator ImagesInAcquisition NumberOfTemporalPositions TemporalPositionIndex StackID
-    InStackPositionNumber FrameLaterality InConcatenationNumber InConcatenationTotalNumber
-    ConcatenationFrameOffsetNumber DimensionIndexValues DimensionIndexPointer FunctionalGroupPointer
-    DimensionOrganizationType FrameAcquisitionNumber FrameType PresentationLUTShape PixelPresentation
-    VolumetricProperties VolumeBasedCalculationTechnique ReconstructionAlgorithm SamplesPerPixel
-    PhotometricInterpretation PlanarConfiguration NumberOfFrames Rows Columns PixelSpacing PixelAspectRatio
-    BitsAllocated BitsStored HighBit PixelRepresentation SmallestImagePixelValue LargestImagePixelValue
-    PixelPaddingValue PixelPaddingRangeLimit BurnedInAnnotation WindowCenter WindowWidth RescaleIntercept
-    RescaleSlope RescaleType FloatPixelPaddingValue DoubleFloatPixelPaddingValue PixelData FloatPixelData
-    DoubleFloatPixelData FrameOfReferenceTransformationMatrixType FrameOfReferenceTransformationMatrix ShapeType
-    NumberOfContourPoints ContourData ContourUncertaintyRadius
+    PositionReferenceIndicator ImagesInAcquisition NumberOfTemporalPositions TemporalPositionIdentifier
+    TemporalPositionIndex StackID InStackPositionNumber FrameLaterality InConcatenationNumber
+    InConcatenationTotalNumber ConcatenationFrameOffsetNumber DimensionIndexValues DimensionIndexPointer
+    FunctionalGroupPointer DimensionOrganizationType FrameAcquisitionNumber FrameType PresentationLUTShape
+    PixelPresentation VolumetricProperties VolumeBasedCalculationTechnique ReconstructionAlgorithm
+    SamplesPerPixel PhotometricInterpretation PlanarConfiguration NumberOfFrames Rows Columns PixelSpacing
+    PixelAspectRatio BitsAllocated BitsStored HighBit PixelRepresentation SmallestImagePixelValue
+    LargestImagePixelValue PixelPaddingValue PixelPaddingRangeLimit BurnedInAnnotation WindowCenter WindowWidth
+    RescaleIntercept RescaleSlope RescaleType FloatPixelPaddingValue DoubleFloatPixelPaddingValue PixelData
+    FloatPixelData DoubleFloatPixelData FrameOfReferenceTransformationMatrixType
+    FrameOfReferenceTransformationMatrix ShapeType NumberOfContourPoints ContourData ContourUncertaintyRadius
     """
 )
 """Attributes that stay as they are: what images show and where, how they were made."""

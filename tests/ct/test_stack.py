@@ -191,11 +191,14 @@ def test_different_images_at_one_place_are_refused(tmp_path: Path) -> None:
         read_ct(tmp_path)
 
 
-def test_two_acquisitions_of_one_place_are_offered_apart(tmp_path: Path) -> None:
-    write_series(tmp_path)
+@pytest.mark.parametrize("told_by", ["AcquisitionNumber", "TemporalPositionIdentifier"])
+def test_two_acquisitions_of_one_place_are_offered_apart(told_by: str, tmp_path: Path) -> None:
+    """The second as of a heart or a bolus, which is scanned again and again."""
+    write_series(tmp_path, change=lambda made, k: setattr(made, told_by, 1))
 
     def second(made: Dataset, k: int) -> None:
-        made.AcquisitionNumber, made.RescaleIntercept = 2, -1000
+        made.RescaleIntercept = -1000
+        setattr(made, told_by, 2)
 
     write_series(tmp_path, 4, second, prefix="second")
     with pytest.raises(InputError, match=r"2 usable series.*1\.2\.3\.2#1.*1\.2\.3\.2#2"):
