@@ -45,6 +45,7 @@ def spatial_fiducials(document: FiducialsDocument, patient: Dataset | None = Non
     if not document.fiducials:
         raise InputError("the document holds no fiducials; a Spatial Fiducials object needs at least one")
     dataset = begin_object(SPATIAL_FIDUCIALS, "FID", document.source, document.model_dump_json(), patient)
+    dataset.SeriesDescription = f"{len(document.fiducials)} markers"
     dataset.ContentLabel = "MARKERS"
     dataset.ContentDescription = f"Spheres of {document.marker.diameter_mm:g} mm found by ronnaplan"
     markers = Dataset()
@@ -69,6 +70,7 @@ def spatial_registration(document: RegistrationDocument, patient: Dataset | None
     dataset = begin_object(SPATIAL_REGISTRATION, "REG", document.source, content, patient)
     dataset.FrameOfReferenceUID = generate_uid(entropy_srcs=["tracker frame", content])
     dataset.PositionReferenceIndicator = None
+    dataset.SeriesDescription = "CT to tracker"
     dataset.ContentLabel = "CT_TO_TRACKER"
     dataset.ContentDescription = f"{len(document.pairs)} marker pairs, FRE {document.fre_rms:.3f} mm RMS"
     to_itself = _matrix(dataset.FrameOfReferenceUID, IDENTITY)

@@ -31,6 +31,7 @@ def test_the_spatial_registration_maps_the_scan_into_its_own_frame(tmp_path: Pat
     file.write_bytes(dicom_bytes(spatial_registration(document)))
     dataset = dcmread(file)
     assert dataset.SOPClassUID.name == "Spatial Registration Storage"
+    assert dataset.SeriesDescription == "CT to tracker"
     scan, itself = dataset.RegistrationSequence
     assert scan.FrameOfReferenceUID == scene.CT.uid
     assert itself.FrameOfReferenceUID == dataset.FrameOfReferenceUID != scene.CT.uid
@@ -47,7 +48,9 @@ def test_the_spatial_registration_maps_the_scan_into_its_own_frame(tmp_path: Pat
 def test_the_spatial_fiducials_are_the_markers(tmp_path: Path) -> None:
     file = tmp_path / "fiducials.dcm"
     file.write_bytes(dicom_bytes(spatial_fiducials(fiducials())))
-    (markers,) = dcmread(file).FiducialSetSequence
+    dataset = dcmread(file)
+    assert dataset.SeriesDescription == "5 markers"
+    (markers,) = dataset.FiducialSetSequence
     assert markers.FrameOfReferenceUID == scene.CT.uid
     places = np.array([item.ContourData for item in markers.FiducialSequence], dtype=float)
     np.testing.assert_allclose(places, scene.HEAD / 3, atol=1e-9)
