@@ -186,6 +186,11 @@ def check_target(path: str | os.PathLike[str]) -> None:
         raise InputError(
             f"cannot write {os.fspath(path)}: the folder {target.parent} does not exist; make it first"
         )
+    if not os.access(target.parent, os.W_OK):
+        raise UnwrittenError(
+            f"cannot write {os.fspath(path)}: the folder {target.parent} may not be written to; make that place "
+            "writable"
+        )
 
 
 def require_ending(path: str | os.PathLike[str], kind: str, endings: tuple[str, ...]) -> None:

@@ -15,7 +15,7 @@ import pytest
 from filelock import FileLock
 
 from ronnaplan.documents import files
-from ronnaplan.documents.files import change_document, make_folder, read_json, write_atomically
+from ronnaplan.documents.files import change_document, check_target, make_folder, read_json, write_atomically
 from ronnaplan.errors import InputError, UnwrittenError
 from tests import faults
 
@@ -219,3 +219,11 @@ def test_a_writer_killed_at_any_system_call_loses_no_acknowledged_change(tmp_pat
     result = json.loads(ended.stdout)
     assert result["wrong"] == []
     assert result["killed"] > 30
+
+
+def test_a_folder_that_may_not_be_written_to_is_told_before_anything_is_computed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "access", lambda path, mode: (Path(path), mode) != (tmp_path, os.W_OK))
+    with pytest.raises(UnwrittenError, match="may not be written to; make that place writable"):
+        check_target(tmp_path / "fiducials.json")
