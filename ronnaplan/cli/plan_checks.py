@@ -83,7 +83,7 @@ def run_propose(arguments: argparse.Namespace) -> int:
 def run_markers(arguments: argparse.Namespace) -> int:
     """Propose places for the markers."""
     from ronnaplan.case.surroundings import Rules, Surroundings, Terrain
-    from ronnaplan.documents.files import write_atomically
+    from ronnaplan.documents.files import check_target, write_atomically
     from ronnaplan.documents.plan_measures import placement_markups
     from ronnaplan.errors import UsageError
     from ronnaplan.planning import Plan
@@ -93,6 +93,8 @@ def run_markers(arguments: argparse.Namespace) -> int:
 
     if arguments.visible is not None and not arguments.tracker:
         raise UsageError("--visible is how far a marker may lean away from the tracker; it needs --tracker")
+    if arguments.output:
+        check_target(arguments.output)
     volume = scan_of_plan(arguments)
     plan = read_named_plan(arguments) if arguments.plan else Plan.of_scan(volume)
     targets = [lps(target, arguments.coordinates) for target in arguments.target or ()]

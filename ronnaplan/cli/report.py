@@ -35,7 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Read the case and write its report."""
     from ronnaplan.case.folder import CaseFiles, read_case, read_scan
-    from ronnaplan.documents.files import write_atomically
+    from ronnaplan.documents.files import check_target, write_atomically
     from ronnaplan.errors import UsageError
     from ronnaplan.report.pdf import print_pdf
     from ronnaplan.report.quality import quality_report
@@ -44,6 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     kind = Path(arguments.output).suffix.lower()
     if kind not in (".html", ".pdf"):
         raise UsageError(f"the report was to be written to {arguments.output}; give a name in .html or .pdf")
+    check_target(arguments.output)
     files = CaseFiles.of_folder(arguments.case)
     if arguments.limits:
         files = replace(files, limits=Path(arguments.limits))

@@ -55,3 +55,12 @@ def test_wrong_names_and_empty_folders_are_told_in_a_sentence(
     said = capsys.readouterr().err.splitlines()
     assert len(said) == 2
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_place_where_nothing_can_be_written_is_told_before_the_case_is_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ronnaplan.case.folder.read_case", None)
+    cases.write_case(tmp_path)
+    assert main(["report", str(tmp_path), "-o", str(tmp_path / "nowhere" / "report.pdf")]) == 1
+    assert "nowhere does not exist; make it first" in capsys.readouterr().err
