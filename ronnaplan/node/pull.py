@@ -63,11 +63,11 @@ def pull(config: Config, peer: Peer, wanted: Wanted, folder: str | Path, *, by: 
     Raises `InputError` where the peer cannot be reached, has no such study, or does not send all of it.
     """
     keys = wanted.keys
-    target = make_folder(folder)
     with open_archive(config, peer, by) as archive:
         studies = [
             str(found.StudyInstanceUID) for found in archive.find("STUDY", {"StudyInstanceUID": "", **keys})
         ]
         if not studies:
             raise InputError(f"{peer.name} has no such study; check the UID, the patient's ID or the date")
+        target = make_folder(folder)
         return len(set().union(*(archive.fetch([study], target) for study in studies)))
