@@ -95,6 +95,8 @@ SCENES = (
     replace(BASE, name="highlight in the middle", gloss=(0.2, 1.0)),
     replace(BASE, name="flat disc, cable across", verdict="refuse", shading="disc", cable=(0.02, 0.2)),
     replace(BASE, name="half hidden, highlight", verdict="refuse", hidden=(0.5, 0.6), gloss=(0.2, 1.0)),
+    Scene("overexposed", bright=(260.0, 380.0)),
+    Scene("overexposed, gradient", bright=(250.0, 380.0), fall=(0.1, 0.5)),
 )  # fmt: skip
 """The table's rows."""
 

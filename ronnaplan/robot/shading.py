@@ -46,6 +46,8 @@ EARLY, AGAIN = 4, 2
 from another starts with the second of these."""
 DECIDED = 8
 """From this step on sectors are left out only, so that none comes and goes for ever."""
+STEPS_IF_CLIPPED = 12
+"""So many more steps, before and in all, where the ball is brighter than pixels get: how bright only its edge tells."""
 LARGEST_MISFITS = (2.5, 1.5)
 """Sectors that the model fits worse than the typical one by this factor are left out, first and later."""
 OUTLIER_SDS = 4.0
@@ -186,7 +188,8 @@ def _fit(
     None where too little agrees.
     """
     first, built, shapes, cast = state.geometry[:3], np.zeros(2), np.empty(0), np.empty((0, 0, 0))
-    for step in range(start, STEPS):
+    more = STEPS_IF_CLIPPED if np.isfinite(pixels.clipped_at) else 0
+    for step in range(start, STEPS + more):
         size = state.geometry[[2, 4]]
         if np.abs(size - built).max() > (REBUILT_PX if step > EARLY else FIRST_REBUILT_PX):
             shapes = blurred(size[0], size[1], *_table_of(size[0]))
@@ -195,11 +198,20 @@ def _fit(
             built = size
         fit = state.geometry, table_of(shapes, state.light), -OUTWARD_PX - BEYOND_PX, TABLE_STEP_PX, state.light
         every = FIRST_EVERY if step < EARLY else 1
-        reduced, answers = equations(
-            pixels.places, pixels.grey, pixels.weights, pixels.starts, every, *fit, state.grounds, cast
+        reduced, answers, told = equations(
+            pixels.places,
+            pixels.grey,
+            pixels.weights,
+            pixels.starts,
+            every,
+            pixels.clipped_at,
+            *fit,
+            state.grounds,
+            cast,
         )
         before = state.kept
-        shifts, sds = _judge(state, reduced, np.diff(pixels.starts) / every, step)
+        clipped = told[:, 0] < -(-np.diff(pixels.starts) // every)
+        shifts, sds = _judge(state, reduced, told, clipped, step, DECIDED + more)
         if state.kept.sum() < SMALLEST_COVERAGE * len(state.kept):
             return None
         moved, normal = _advance(state, reduced, answers, step, shadows)
@@ -237,22 +249,41 @@ def _start(pixels: Pixels, half_angle: float, seen: Flags) -> _State | None:
     return _State(geometry, np.zeros(COMMON - LIGHT), grounds, kept, 0.1 * level, level, last)
 
 
-def _judge(state: _State, reduced: FloatArray, pixels: FloatArray, step: int) -> tuple[FloatArray, FloatArray]:
-    """Return each sector's own shift of the edge (S) and its standard deviation, and choose which are kept."""
-    sharp = np.maximum(reduced[:, 2, 2], 1e-9)
+def _judge(
+    state: _State, reduced: FloatArray, told: FloatArray, clipped: Flags, step: int, decided: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return each sector's own shift of the edge (S) and its standard deviation, and choose which are kept.
+
+    ``told`` (S, 3) is of the pixels that tell something, which of sectors that are ``clipped`` (S) are not all.
+    """
+    sharp, pixels = np.maximum(reduced[:, 2, 2], 1e-9), told[:, 0]
     shifts = reduced[:, 2, -1] / sharp
     misfits = np.sqrt(np.maximum(reduced[:, -1, -1], 0) / np.maximum(pixels - 2, 1))
     if step >= 2:
-        typical = _middle(misfits[state.kept])
-        state.noise = max(typical, 1e-3 * state.level)
+        typical = _typical(misfits, clipped, state.kept)
+        state.noise = max(float(typical[state.kept].max()), 1e-3 * state.level)
+        blinded = clipped & state.kept
+        if blinded.any():
+            edge, left = told[blinded, 1:].sum(axis=0)
+            state.noise = max(state.noise, float(np.sqrt(left / max(edge, 1e-9))))
         good = misfits < LARGEST_MISFITS[step >= EARLY] * typical
         if step >= EARLY:
             deviations = np.abs(shifts) / np.hypot(state.noise / np.sqrt(sharp), FLOOR_PX)
             good &= deviations < OUTLIER_SDS * max(1.4826 * _middle(deviations[state.kept]), 1.0)
         good &= pixels * (FIRST_EVERY if step < EARLY else 1) > FEWEST_PIXELS
         good = good & np.roll(good, 1) & np.roll(good, -1)  # what spoils a sector reaches into the next
-        state.kept = good if step < DECIDED else good & state.kept
+        state.kept = good if step < decided else good & state.kept
     return shifts, state.noise / np.sqrt(sharp)
+
+
+def _typical(misfits: FloatArray, clipped: Flags, kept: Flags) -> FloatArray:
+    """Return the usual one of ``misfits`` (S) for each sector: of those that are ``clipped``, and of the others."""
+    typical = np.empty(len(misfits))
+    for part in (clipped, ~clipped):
+        if part.any():
+            of = part & kept
+            typical[part] = _middle(misfits[of if of.any() else part])
+    return typical
 
 
 def _advance(

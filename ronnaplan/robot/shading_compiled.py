@@ -33,12 +33,14 @@ def gather(
     bounds: tuple[float, float],
     sectors: int,
     block: int,
+    clipped_at: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray, Integers]:
     """Return places (B, 2), brightness (B) and weights (B) of pixels of ``grey``, by sector, and each's start (S + 1).
 
     ``bend`` (10, 2) makes places (px, in a plane square to the line of sight) of columns and rows less ``middle`` (2),
     over ``scale``. Pixels are taken up to the first of ``bounds`` outside the ``radius``; those further beside it than
-    the second are averaged over squares of ``block`` pixels a side, where they fill one.
+    the second are averaged over squares of ``block`` pixels a side, where they fill one and none has the brightness
+    ``clipped_at``.
     """
     size = grey.size
     places, values, sector = np.empty((size, 2)), np.empty(size), np.empty(size, np.int64)
@@ -51,7 +53,7 @@ def gather(
             bent(left + half, top + half, bend, middle, scale, at)
             away = np.hypot(at[0], at[1]) - radius
             whole = -away > bounds[1] + reach or bounds[1] + reach < away < bounds[0] - reach
-            whole = whole and low - top == right - left == block
+            whole = whole and low - top == right - left == block and grey[top:low, left:right].max() < clipped_at
             step = block if whole else 1
             for row in range(top, low, step):
                 for column in range(left, right, step):
@@ -89,6 +91,7 @@ def model_rows(
     places: FloatArray,
     grey: FloatArray,
     weights: FloatArray,
+    clipped_at: float,
     geometry: FloatArray,
     table: FloatArray,
     first_px: float,
@@ -97,9 +100,13 @@ def model_rows(
     ground: FloatArray,
     shadows: FloatArray,
     rows: FloatArray,
+    sums: FloatArray,
 ) -> None:
     """Fill ``rows`` (B, K) with what each unknown does to the pixels of a sector, and what the model leaves of them.
 
+    One as bright as a pixel gets, ``clipped_at``, tells nothing where the model is as bright or brighter. ``sums`` (3)
+    are how many tell something, how much they tell of the edge, and what the model leaves of them, squared, as far as
+    they do.
     ``geometry`` (5): where the axis meets the plane (2, px), the radius, the focal length and the blur (px); ``light``
     is that of the profile, its tilt, from aside (even, and falling off) and the waves; ``ground`` (2) is level and
     slope. With ``shadows`` (SLANTS, N, 3) light from aside and what darkens as the cosine are of one lamp, which lights
@@ -134,7 +141,13 @@ def model_rows(
             told = cast[k] + ground[0] * at[k] + ground[1] * at[3 + k] + at[6 + k] + tilt * at[9 + k]
             told += aside * at[12 + k] + falling * at[15 + k] + wave * at[18 + k] + other * at[21 + k]
             row[k] = told
+        if grey[n] >= clipped_at and row[0] >= clipped_at:
+            row[:] = 0.0
+            continue
         left, edge, blur = grey[n] - row[0], row[1], row[2]
+        sums[0] += 1.0
+        sums[1] += edge * edge
+        sums[2] += edge * edge * left * left
         row[0], row[1], row[2], row[BLUR] = edge * c, edge * d, edge, geometry[4] * blur
         for k in range(PROFILE):
             row[LIGHT + k] = at[POWERS + k] + tilt * at[POWERS + PROFILE + k]
@@ -189,6 +202,7 @@ def equations(
     weights: FloatArray,
     starts: Integers,
     every: int,
+    clipped_at: float,
     geometry: FloatArray,
     table: FloatArray,
     first_px: float,
@@ -196,19 +210,21 @@ def equations(
     light: FloatArray,
     grounds: FloatArray,
     shadows: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return each sector's normal matrix (S, K, K) without its own ground, and that ground's answer (S, 2, K).
 
-    One of ``every`` so many pixels is taken. The last row and column are of what the model leaves.
+    The last row and column are of what the model leaves. Also what `model_rows` tells of the sector's pixels (S, 3), of
+    which one of ``every`` so many is taken.
     """
     count = len(starts) - 1
+    sums = np.zeros((count, 3))
     reduced, answers = np.zeros((count, COMMON + 1, COMMON + 1)), np.zeros((count, OWN, COMMON + 1))
     rows = np.empty(((starts[1:] - starts[:-1]).max() // every + 1, COMMON + OWN + 1))
     for s in range(count):
         of = rows[: (starts[s + 1] - starts[s] + every - 1) // every]
         taken = slice(starts[s], starts[s + 1], every)
         fit = geometry, table, first_px, step_px, light, grounds[s], shadows
-        model_rows(places[taken], grey[taken], weights[taken], *fit, of)
+        model_rows(places[taken], grey[taken], weights[taken], clipped_at, *fit, of, sums[s])
         normal = of.T @ of
         a, b, c = normal[COMMON, COMMON], normal[COMMON, COMMON + 1], normal[COMMON + 1, COMMON + 1]
         a, c = a * (1 + 1e-6) + 1e-6, c * (1 + 1e-6) + 1e-6
@@ -223,4 +239,4 @@ def equations(
                 reduced[s, m, k] -= (
                     normal[row, COMMON] * answers[s, 0, k] + normal[row, COMMON + 1] * answers[s, 1, k]
                 )
-    return reduced, answers
+    return reduced, answers, sums

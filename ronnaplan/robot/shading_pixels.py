@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -21,6 +21,8 @@ MOST_INSIDE = 4000
 """Of those further inside, where brightness changes slowly, about so many are taken at most: means over squares, and
 over such of the ground."""
 
+MANY = 20
+"""So many pixels share the largest value by no chance."""
 RIM_PX, RIM = 12.0, 0.25
 """How deep a sphere's rim is, at least, and as a share of its radius: enough to tell brightness from blur, and not so
 deep that what lies across the middle, or shines there, reaches into more than few sectors."""
@@ -38,6 +40,9 @@ class Pixels:
     weights: FloatArray
     starts: Integers
     focal_px: float
+    clipped_at: float
+    """The brightness of the image's brightest pixels where many of the sphere's share it, as what is brighter reads the
+    same; else infinite."""
 
 
 def pixels_near(
@@ -61,9 +66,10 @@ def pixels_near(
     count = int(np.clip(2 * np.pi * radius / ARC_PX, FEWEST_SECTORS, MOST_SECTORS))
     edge = min(EDGE_PX, radius)
     block = int(np.ceil((radius - edge) * np.sqrt(np.pi / MOST_INSIDE)))
-    found = Pixels(
-        *gather(window, bend, middle - low, scale, radius, (OUTWARD_PX, edge), count, max(block, 1)), focal
-    )
+    bounds, brightest = (OUTWARD_PX, edge), float(grey.max())
+    clipped_at = brightest if np.count_nonzero(window == brightest) >= MANY else np.inf
+    gathered = gather(window, bend, middle - low, scale, radius, bounds, count, max(block, 1), clipped_at)
+    found = Pixels(*gathered, focal, clipped_at)
     return _beyond(found, radius - max(RIM_PX, RIM * radius)) if rim_only else found
 
 
@@ -71,7 +77,9 @@ def _beyond(pixels: Pixels, least_px: float) -> Pixels:
     """Return those of the ``pixels`` that are farther from the middle than ``least_px``."""
     taken = np.hypot(*pixels.places.T) > least_px
     starts = np.concatenate([[0], np.cumsum(taken)])[pixels.starts]
-    return Pixels(pixels.places[taken], pixels.grey[taken], pixels.weights[taken], starts, pixels.focal_px)
+    return replace(
+        pixels, places=pixels.places[taken], grey=pixels.grey[taken], weights=pixels.weights[taken], starts=starts
+    )
 
 
 @cache

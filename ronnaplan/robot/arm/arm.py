@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import as_pose, exponential, rigid, transform_points
+from ronnaplan.text import listed
 
 LARGEST_ARM_MM = 20_000.0
 """No arm beside a patient has links of twenty metres."""
@@ -126,8 +127,9 @@ class SerialArm:
         try:
             return self.frames[name]
         except KeyError:
-            known = ", ".join(self.frames) or "none"
-            raise InputError(f"the arm {self.name} carries no tool {name!r}; it carries {known}") from None
+            raise InputError(
+                f"the arm {self.name} carries no tool {name!r}; it carries {listed(self.frames)}"
+            ) from None
 
     def with_tool(self, name: str, flange_from_tool: ArrayLike) -> SerialArm:
         """Return the arm with one more tool or camera frame; raises `InputError` for a pose that is not rigid."""

@@ -29,6 +29,7 @@ from ronnaplan.robot.arm.urdf_elements import (
     parsed,
     place_of,
 )
+from ronnaplan.text import listed
 from ronnaplan.untrusted import read_whole
 
 MOST_BYTES = 4 << 20
@@ -100,7 +101,7 @@ def _arm(root: ElementTree.Element, tip: str | None) -> UrdfArm:
 def _chain(joints: dict[str, Joint], tip: str, links: dict[str, ElementTree.Element]) -> list[Joint]:
     """Return the joints from the base to the link ``tip``."""
     if tip not in links:
-        raise InputError(f"there is no link {tip!r}; the links are {', '.join(links) or 'none'}")
+        raise InputError(f"there is no link {tip!r}; the links are {listed(links)}")
     passed: dict[str, Joint] = {}
     while tip in joints:
         if tip in passed:
