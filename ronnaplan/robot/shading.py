@@ -46,8 +46,9 @@ EARLY, AGAIN = 4, 2
 from another starts with the second of these."""
 DECIDED = 8
 """From this step on sectors are left out only, so that none comes and goes for ever."""
-STEPS_IF_CLIPPED = 12
-"""So many more steps, before and in all, where the ball is brighter than pixels get: how bright only its edge tells."""
+STEPS_IF_CLIPPED, LARGEST_NOISE_IF_CLIPPED = 12, 0.05
+"""So many more steps, before and in all, where the ball is brighter than pixels get: how bright only its edge tells.
+What is left there is noise, less than this share of what pixels get; else the fit took the ball for no brighter."""
 LARGEST_MISFITS = (2.5, 1.5)
 """Sectors that the model fits worse than the typical one by this factor are left out, first and later."""
 OUTLIER_SDS = 4.0
@@ -214,12 +215,15 @@ def _fit(
         shifts, sds = _judge(state, reduced, told, clipped, step, DECIDED + more)
         if state.kept.sum() < SMALLEST_COVERAGE * len(state.kept):
             return None
-        moved, normal = _advance(state, reduced, answers, step, shadows)
+        blunt = step < 2 or (step <= EARLY and more > 0)  # a clipped edge looks sharper than it is
+        moved, normal = _advance(state, reduced, answers, step, shadows, blunt=blunt)
         if step > EARLY + 1 and (before == state.kept).all() and moved < 1:
             break
         strayed = step == EARLY and may_stray and bool(np.abs(state.geometry[:3] - first).max() > STRAYED_PX)
         if strayed:
             break
+    if state.noise > LARGEST_NOISE_IF_CLIPPED * pixels.clipped_at:
+        return None
     return _Fitted(shifts, sds, normal, moved, strayed)
 
 
@@ -287,17 +291,20 @@ def _typical(misfits: FloatArray, clipped: Flags, kept: Flags) -> FloatArray:
 
 
 def _advance(
-    state: _State, reduced: FloatArray, answers: FloatArray, step: int, shadows: bool
+    state: _State, reduced: FloatArray, answers: FloatArray, step: int, shadows: bool, *, blunt: bool
 ) -> tuple[float, FloatArray]:
-    """Take a step of Gauss-Newton; return how far the outline moved, 1 being settled, and the normal matrix."""
+    """Take a step of Gauss-Newton; return how far the outline moved, 1 being settled, and the normal matrix.
+
+    A ``blunt`` step leaves the blur as it is.
+    """
     weights = state.noise**2 / _expected_sds(state, step, shadows) ** 2
     known = np.array([0.0, 0.0, 0.0, state.geometry[4] - FIRST_BLUR_PX, *state.light])
     together = (state.kept @ reduced.reshape(len(reduced), -1)).reshape(reduced.shape[1:])
     normal = together[:-1, :-1] + np.diag(weights)
     goal = together[:-1, -1] - weights * known
     inverse = np.linalg.inv(normal)
-    if step < 2:
-        free = (np.arange(LIGHT, TILT), np.r_[0:BLUR, LIGHT:ASIDE])[step]
+    if blunt:
+        free = (np.arange(LIGHT, TILT), np.r_[0:BLUR, LIGHT:ASIDE])[min(step, 1)]
         change = np.zeros(COMMON)
         change[free] = np.linalg.solve(normal[np.ix_(free, free)], goal[free])
     else:
