@@ -12,6 +12,7 @@ from functools import partial
 
 import numpy as np
 
+from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, Points
 from ronnaplan.pose import Pose, point_jacobian, transform_points
@@ -151,9 +152,14 @@ def register_robot_markers(
 ) -> RobotRegistration:
     """Pair the scan's markers with the spheres, in any order, and register R from CT.
 
-    ``expected`` and ``sigma_ct_mm`` are as in `register_markers`. Raises `RefusedError` where the pairing is not
-    unique.
+    ``expected`` and ``sigma_ct_mm`` are as in `register_markers`. Raises `InputError` for fewer than three spheres,
+    `RefusedError` where the pairing is not unique.
     """
+    if len(spheres.labels) < LEAST_PAIRS:
+        raise InputError(
+            f"{len(spheres.labels)} spheres were re-localized; a registration needs at least {LEAST_PAIRS}, look at "
+            "more of them"
+        )
     found = register_markers(ct, spheres.points, expected=expected, sigma_ct_mm=sigma_ct_mm)
     if found.registration is None:
         raise RefusedError(f"the scan's markers and the re-localized spheres: {found.pairing.reason}")

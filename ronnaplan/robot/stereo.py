@@ -92,7 +92,8 @@ def locate_sphere(
     if not found:
         counts = f"{len(lefts)} outlines left, {len(rights)} right"
         raise InputError(
-            f"no sphere of {diameter_mm:g} mm is seen by both cameras ({counts}){_other_size(met, rig, diameter_mm)}"
+            f"no sphere of {diameter_mm:g} mm is seen by both cameras ({counts})"
+            f"{_other_size(met, rig, diameter_mm) or _advice(lefts, rights)}"
         )
     if len(found) > 1:
         raise RefusedError(f"{len(found)} spheres of {diameter_mm:g} mm are seen by both cameras; expected one")
@@ -106,7 +107,7 @@ def locate_sphere(
 
 
 def _other_size(met: list[StereoSphere], rig: StereoRig, diameter_mm: float) -> str:
-    """Say of what size the sphere is that was ``met`` where one of ``diameter_mm`` was expected, and what to do."""
+    """Say of what size the sphere is that was ``met`` where one of ``diameter_mm`` was expected, or nothing."""
     for one in met:
         left, right = (1 + error for error in one.size_errors(rig, diameter_mm))
         if abs(left / right - 1) <= SIZE_TOLERANCE:
@@ -114,6 +115,13 @@ def _other_size(met: list[StereoSphere], rig: StereoRig, diameter_mm: float) -> 
                 f", but one of {2 * diameter_mm / (left + right):.3g} mm: correct the diameter, or the size of the "
                 "squares that the cameras were calibrated with"
             )
+    return ""
+
+
+def _advice(lefts: list[Outline], rights: list[Outline]) -> str:
+    """Say what to do where no outlines are of one sphere."""
+    if lefts and rights:
+        return "; check that left and right are of this rig, of one moment, not exchanged, or move the cameras closer"
     return "; move the cameras closer and keep the sphere in both images"
 
 

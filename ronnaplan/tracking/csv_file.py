@@ -15,6 +15,7 @@ from ronnaplan.bounds import LARGEST_SIGMA_MM, SMALLEST_SIGMA_MM
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.text import BLANKS, printable
+from ronnaplan.tracking.matrix_csv import lacking
 from ronnaplan.tracking.recording import (
     OK,
     OTS,
@@ -62,8 +63,10 @@ def read_csv(path: Path) -> Recording:
     header, rows, delimiter = read_rows(path)
     missing = [axis for axis in "xyz" if axis not in header]
     if missing:
+        of_matrix = lacking(header)
+        expected = "all of a matrix, row by row" if of_matrix else "x, y, z in mm"
         raise InputError(
-            f"{path} has columns {', '.join(header)} but no {', '.join(missing)}; expected x, y, z in mm"
+            f"{path} has columns {', '.join(header)} but no {', '.join(of_matrix or missing)}; expected {expected}"
         )
     require_table(path, header, rows)
     parts = [name for name in QUATERNION_NAMES if name in header]

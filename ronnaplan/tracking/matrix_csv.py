@@ -13,6 +13,8 @@ from ronnaplan.tracking.tables import NO_NUMBER, frame_number, number, read_rows
 
 FIRSTS = (0, 1)
 """Rows and columns are counted from either; which one is told by the first column's name."""
+MOST_LACKING = 6
+"""A table that lacks no more of a matrix's twelve columns was meant to hold one."""
 TOOL_NAMES = ("tool", "label", "name")
 SECONDS = {"time": 1.0, "time_ns": 1e-9, "timestamp_ns": 1e-9}
 
@@ -20,6 +22,12 @@ SECONDS = {"time": 1.0, "time_ns": 1e-9, "timestamp_ns": 1e-9}
 def has_matrices(header: list[str]) -> bool:
     """Return whether normalized column names are those of a matrix in each row; its last row may be left out."""
     return any(set(_names(first)[:12]) <= set(header) for first in FIRSTS)
+
+
+def lacking(header: list[str]) -> list[str]:
+    """Return the columns of a matrix that a table with most of them has not; none where it has but few."""
+    without = min(([name for name in _names(first)[:12] if name not in header] for first in FIRSTS), key=len)
+    return without if len(without) <= MOST_LACKING else []
 
 
 def read_matrices(path: Path) -> Recording:

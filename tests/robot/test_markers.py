@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from ronnaplan.errors import RefusedError
+from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import Frame, Points
 from ronnaplan.pose import Pose, invert, transform_points
 from ronnaplan.robot.camera import RIG
@@ -66,6 +66,14 @@ def test_spheres_of_another_head_are_refused() -> None:
     other = Points(ct.positions_mm * np.array([1.1, 0.9, 1.0]), ct.covariances_mm2, ct.labels, CT)
     with pytest.raises(RefusedError, match="re-localized spheres"):
         register_robot_markers(other, spheres, expected=5, sigma_ct_mm=0.1)
+
+
+def test_too_few_spheres_are_told_as_spheres() -> None:
+    ct, spheres = looked(np.random.default_rng(1), 0.1, 0.03, np.diag(np.repeat([1e-8, 1e-4], 3)))
+    two = replace(spheres, labels=("0", "1"), in_rig_mm=spheres.in_rig_mm[:2], own_mm2=spheres.own_mm2[:2])
+    two = replace(two, robot_from_tcp=spheres.robot_from_tcp[:2])
+    with pytest.raises(InputError, match=r"2 spheres were re-localized; .* at least 3"):
+        register_robot_markers(ct, two, sigma_ct_mm=0.1)
 
 
 def test_spheres_that_overlap_are_refused_but_not_two_looks_at_one() -> None:

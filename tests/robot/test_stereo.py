@@ -127,8 +127,14 @@ def test_a_sphere_of_another_size_is_told_of_no_size_where_the_cameras_disagree_
     longer = np.diag([1.3, 1.3, 1.0]) @ K[1]
     longer[:2, 2] = K[1][:2, 2]
     off = StereoRig(Camera(K[0], D[0], np.eye(4)), Camera(longer, D[1], RIGHT), Pose.exact(np.eye(4), TCP, RIG))
-    with pytest.raises(InputError, match=r"no sphere of 8 mm .* right\); move the cameras closer"):
+    with pytest.raises(InputError, match=r"no sphere of 8 mm .* right\); check that left and right are"):
         locate_sphere(*images, off, diameter_mm=8.0)
+
+
+def test_images_of_the_other_camera_each_are_told_as_such() -> None:
+    left, right = seen([np.array([3.0, -2, 300])], np.random.default_rng(3))
+    with pytest.raises(InputError, match=r"no sphere of 11.5 mm .*1 outlines left, 1 right\); .* not exchanged"):
+        locate_sphere(right, left, RIG_EXACT, diameter_mm=DIAMETER)
 
 
 def test_two_spheres_are_refused() -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ronnaplan.errors import InputError
 from ronnaplan.tracking import read_recording
 from tests.tracking.files import matrix_rows, turned, written
 
@@ -23,6 +24,13 @@ def test_matrices_by_columns_are_flagged_not_turned_round(tmp_path: Path) -> Non
     numbers = ",".join(map(repr, turned(1).T.ravel().tolist()))
     (tool,) = read_recording(written(tmp_path, "poses.csv", f"{names}\n{numbers}\n")).tools
     assert "is it transposed" in tool.status
+
+
+@pytest.mark.parametrize(("first", "column"), [(0, "m12"), (1, "m11")])
+def test_a_column_that_a_matrix_lacks_is_named(tmp_path: Path, first: int, column: str) -> None:
+    without = matrix_rows(first, 3).replace(f",{column}", ",other")
+    with pytest.raises(InputError, match=f"but no {column}; expected all of a matrix"):
+        read_recording(written(tmp_path, "poses.csv", without))
 
 
 def test_matrices_are_counted_where_their_moments_have_no_numbers(tmp_path: Path) -> None:
