@@ -199,17 +199,8 @@ def _fit(
             built = size
         fit = state.geometry, table_of(shapes, state.light), -OUTWARD_PX - BEYOND_PX, TABLE_STEP_PX, state.light
         every = FIRST_EVERY if step < EARLY else 1
-        reduced, answers, told = equations(
-            pixels.places,
-            pixels.grey,
-            pixels.weights,
-            pixels.starts,
-            every,
-            pixels.clipped_at,
-            *fit,
-            state.grounds,
-            cast,
-        )
+        of = pixels.places, pixels.grey, pixels.weights, pixels.starts, every, pixels.clipped_at
+        reduced, answers, told = equations(*of, *fit, state.grounds, cast)
         before = state.kept
         clipped = told[:, 0] < -(-np.diff(pixels.starts) // every)
         shifts, sds = _judge(state, reduced, told, clipped, step, DECIDED + more)

@@ -121,7 +121,9 @@ def _other_size(met: list[StereoSphere], rig: StereoRig, diameter_mm: float) -> 
 def _advice(lefts: list[Outline], rights: list[Outline]) -> str:
     """Say what to do where no outlines are of one sphere."""
     if lefts and rights:
-        return "; check that left and right are of this rig, of one moment, not exchanged, or move the cameras closer"
+        return (
+            "; check that left and right are of this rig, of one moment, not exchanged, or move the cameras closer"
+        )
     return "; move the cameras closer and keep the sphere in both images"
 
 
