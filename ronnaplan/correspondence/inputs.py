@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from numbers import Real
@@ -76,15 +77,22 @@ def checked_errors(sigma_mm: ArrayLike, covariances_mm2: ArrayLike | None, count
 
 
 def errors_from_covariances(covariances_mm2: ArrayLike, count: int, name: str) -> ErrorModel:
-    """Return the errors that covariances (N, 3, 3) state; raises `InputError` unless positive definite."""
+    """Return the errors that covariances (N, 3, 3) state; raises `InputError` unless they can be errors."""
     covariances = as_numbers(covariances_mm2, f"covariances of {name}", f"({count}, 3, 3) in mm^2")
     if covariances.shape != (count, 3, 3):
         raise InputError(f"covariances of {name} have shape {covariances.shape}; expected ({count}, 3, 3) in mm^2")
     symmetric = np.isfinite(covariances).all() and np.allclose(covariances, covariances.transpose(0, 2, 1))
-    if not symmetric or np.linalg.eigvalsh(covariances).min() <= 0:
+    variances = np.linalg.eigvalsh(covariances) if symmetric else np.zeros(1)
+    if variances.min() <= 0:
         raise InputError(
             f"a covariance of {name} is not symmetric positive definite; expected mm^2, no zero error"
         )
+    for variance in (variances.min(), variances.max()):
+        if not SMALLEST_SIGMA_MM**2 <= variance < LARGEST_SIGMA_MM**2:
+            raise InputError(
+                f"a covariance of {name} states an error of {math.sqrt(variance):g} mm along an axis, expected "
+                f"{SMALLEST_SIGMA_MM:g} to {LARGEST_SIGMA_MM:g} mm; state covariances in mm^2"
+            )
     return ErrorModel(np.trace(covariances, axis1=1, axis2=2) / 3.0, covariances)
 
 

@@ -250,6 +250,11 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "sigma NaN": ({"sigma_ots_mm": np.nan}, "positive"),
     "sigmas of another set": ({"sigma_ct_mm": np.ones(3)}, "shape"),
     "covariance not positive": ({"covariances_ct_mm2": np.zeros((8, 3, 3))}, "positive definite"),
+    "covariance too small for a tracker": (
+        {"covariances_ots_mm2": np.tile(1e-300 * np.eye(3), (8, 1, 1))},
+        "1e-06",
+    ),
+    "covariance beyond reason": ({"covariances_ct_mm2": np.tile(1e12 * np.eye(3), (8, 1, 1))}, "1e\\+06 mm along"),
     "covariance shape": ({"covariances_ct_mm2": np.eye(3)}, "shape"),
     "expected too many": ({"expected": 9}, "9 pairs are expected"),
     "expected too few": ({"expected": 2}, "at least 3"),
