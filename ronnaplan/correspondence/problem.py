@@ -17,6 +17,9 @@ from ronnaplan.rigid import fit_closed_form
 MOVED_MM = 20.0
 """Markers that were knocked lie no further than this from where the others say that they should be."""
 
+FITS_SIGMAS = 4.0
+"""Points that lie no further than this many standard deviations (per axis) from each other fit: no marker moved."""
+
 CHANCE_NEIGHBOUR = 0.05
 """Points count as one moved marker only where two outliers meet as closely with this probability at most."""
 
@@ -107,5 +110,7 @@ def moved_pairs(problem: Problem, partner: IntArray) -> IntArray:
     pose = fit_closed_form(problem.ct[pairs[:, 0]], problem.ots[pairs[:, 1]])
     gap = np.linalg.norm(transform_points(pose, problem.ct[i])[:, None] - problem.ots[j][None], axis=2)
     nearest = gap.argmin(axis=1)
+    variance = problem.ct_errors.variances[i] + problem.ots_errors.variances[j[nearest]]
+    beyond = gap.min(axis=1) > FITS_SIGMAS * np.sqrt(variance)
     mutual = (gap.argmin(axis=0)[nearest] == np.arange(len(i))) & (gap.min(axis=1) < min(MOVED_MM, chance_mm))
-    return np.column_stack((i[mutual], j[nearest[mutual]]))
+    return np.column_stack((i[mutual & beyond], j[nearest[mutual & beyond]]))

@@ -167,14 +167,16 @@ def certain_core(
 ) -> tuple[IntArray, float]:
     """Return the best pairing (n,), less the pairs of which it is not certain, and its probability.
 
-    Pairings that differ only in which markers moved do not contradict each other in the rest: where they agree, they
-    vouch for it together.  So the least certain pair is left out, and the next, while that may make the rest certain;
-    otherwise the pairing is returned whole.
+    Pairings that differ only in which markers moved, or in which of two points a marker is, do not contradict each
+    other in the rest: where they agree, they vouch for it together (markers that change places do contradict it).  So
+    the least certain pair is left out, and the next, while that may make the rest certain; otherwise the pairing is
+    returned whole.
     """
     whole = core = partners[0]
     if not problem.told.allows(int((core >= 0).sum())):
         return core, float(posterior[0])
-    agreeing = ((partners < 0) | (core < 0) | (partners == core)).all(axis=1)
+    of_another = np.isin(partners, core[core >= 0]) & (partners != core)
+    agreeing = ((core < 0) | ~of_another).all(axis=1)
     partners, posterior = partners[agreeing], posterior[agreeing]
     probability = vouched(partners, posterior, core)
     while probability < least_probability:

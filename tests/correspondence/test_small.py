@@ -87,3 +87,16 @@ def test_every_pairing_of_a_small_case_is_weighed_as_brute_force_does() -> None:
     for rival in pairing.rivals:
         key = tuple(rival.pairs[:, 0].tolist()), tuple(rival.pairs[:, 1].tolist())
         assert rival.log_evidence_below == pytest.approx(np.log(weights[best] / weights[key]), abs=1e-4)
+
+
+@pytest.mark.parametrize("expected", [6, None])
+def test_a_marker_that_one_set_holds_twice_is_doubtful_and_the_rest_is_given(expected: int | None) -> None:
+    """Whichever set it is: of markers read twice all were refused, of markers found twice in the scan none."""
+    for seed in range(10):
+        ct, ots, partner = scene(seed, markers=6, outliers=0)
+        twice = np.vstack((ots, ots[partner[0]] + [0.3, 0.0, 0.4]))
+        for pairing in (match_points(ct, twice, expected), match_points(twice, ct, expected).swapped()):
+            assert pairing.pairs.tolist() == [[i, partner[i]] for i in range(1, 6)], seed
+            assert pairing.doubtful[:, 0].tolist() == [0]
+            assert pairing.doubtful[0, 1] in (partner[0], 6)
+            assert len(pairing.moved) == 0, "it fits"
