@@ -85,7 +85,7 @@ def weighed(problem: Problem, found: Found, of_pairs: FloatArray, least_probabil
         return Pairing("unmatched", no_pairs(), 0.0, reason=nothing_found(found))
     best = found.poses[0]
     rivals = rivals_of(found.poses)
-    others = sum(rival_odds(found.chance, best, float(of_pairs.sum()), pose) for pose in found.poses[1:])
+    others = sum(rival_odds(found.chance, best, of_pairs, pose) for pose in found.poses[1:])
     probability = 1.0 / (1.0 + others + found.missed + math.exp(min(-best.log_evidence, 700.0)))
     if probability < least_probability:
         reason = f"the best pose has probability {probability:.4g}, at least {least_probability:g} is required"
@@ -181,8 +181,8 @@ def nothing_found(found: Found) -> str:
     return f"{reason}; the search was given up before poses of fewer than {found.least_sure} pairs were sure to be seen"
 
 
-def rival_odds(chance: Chance, best: Pose, of_best: float, rival: Pose) -> float:
-    """Return the odds of a rival pose to the best, of whose pairs ``of_best`` are right, as an expectation.
+def rival_odds(chance: Chance, best: Pose, of_best: FloatArray, rival: Pose) -> float:
+    """Return the odds of a rival pose to the best, whose pairs are right with the probabilities ``of_best``.
 
     Two poses explain the same points by their evidence.  But where the rival pairs points that the best leaves,
     and more of them than chance would, both sets hold two rigid bodies, and evidence does not tell which of them
@@ -191,8 +191,7 @@ def rival_odds(chance: Chance, best: Pose, of_best: float, rival: Pose) -> float
     noise alone makes evidences differ by many nats.
     """
     by_evidence = math.exp(min(rival.log_evidence - best.log_evidence, 0.0))
-    fewer = of_best - float(chance.pair_probabilities(rival.matrix, rival.partner).sum())
-    by_pairs = math.exp(-LOG_ODDS_PER_PAIR * max(fewer, 0.0))
+    by_pairs = odds_by_pairs(of_best, chance.pair_probabilities(rival.matrix, rival.partner))
     if fits_as_well(best.chi2, len(best.pairs), rival.chi2, len(rival.pairs)):
         return max(by_evidence, by_pairs)
     pairs = best.pairs
@@ -203,6 +202,17 @@ def rival_odds(chance: Chance, best: Pose, of_best: float, rival: Pose) -> float
     alone = pose_evidence(chance.problem, rest, len(pairs))[1]
     real = 1.0 / (1.0 + math.exp(min(-alone, 700.0)))
     return max(by_evidence, real * by_pairs)
+
+
+def odds_by_pairs(of_best: FloatArray, of_rival: FloatArray) -> float:
+    """Return the odds of a body to the best by the number of its pairs, which are right with ``of_rival`` (L,).
+
+    `LOG_ODDS_PER_PAIR` for each pair more, averaged over which pairs are right: by their expected numbers alone one of
+    two equal bodies would be taken where a few of the other's pairs are doubtful.
+    """
+    more = math.exp(LOG_ODDS_PER_PAIR)
+    log_odds = np.log1p(of_rival * (more - 1.0)).sum() + np.log1p(of_best * (1.0 / more - 1.0)).sum()
+    return math.exp(min(float(log_odds), 0.0))
 
 
 def is_mirrored(problem: Problem, best: Pose | None, of_best: float, work_done: float) -> bool:

@@ -1,5 +1,6 @@
 """Sets of many points are paired by their poses, whatever else lies about them."""
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -7,6 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.correspondence import match_points
+from ronnaplan.correspondence.large import odds_by_pairs
+from ronnaplan.correspondence.rivals import LOG_ODDS_PER_PAIR
 from tests.correspondence.scenes import SIGMA_CT, SIGMA_OTS, ball, bodies, scene
 
 
@@ -163,6 +166,25 @@ def test_of_two_equal_bodies_neither_is_taken_where_outliers_are_dense() -> None
     for seed in range(8):
         ct, ots, _ = bodies(7000 + seed, [40, 40], [90.0, 90.0], 120, 45.0)
         assert match_points(ct, ots).status != "unique", seed
+
+
+@pytest.mark.parametrize("seed", [53, 65])
+def test_of_two_equal_bodies_neither_is_taken_where_errors_are_larger_than_stated(seed: int) -> None:
+    """One was accepted, with 0.996 and 0.998, as a few of the other's pairs were doubtful."""
+    ct, ots, _ = bodies(seed, [60, 60], [60.0, 60.0], 40, 70.0)
+    assert match_points(ct, ots, sigma_ct_mm=SIGMA_CT / 1.4, sigma_ots_mm=SIGMA_OTS / 1.4).status == "ambiguous"
+
+
+def test_doubtful_pairs_make_no_body_the_smaller_for_sure() -> None:
+    """By brute force over which pairs are right; what is certain counts as it did, three pairs more for 0.99."""
+    of_best, of_rival = np.array([1.0, 0.9, 0.6]), np.array([0.7, 0.2])
+    odds = 0.0
+    for right in itertools.product((0, 1), repeat=5):
+        chance = np.where(right, np.r_[of_best, of_rival], 1.0 - np.r_[of_best, of_rival]).prod()
+        odds += chance * np.exp(LOG_ODDS_PER_PAIR * (sum(right[3:]) - sum(right[:3])))
+    assert odds_by_pairs(of_best, of_rival) == pytest.approx(odds)
+    assert odds_by_pairs(np.ones(20), np.ones(17)) == pytest.approx(np.exp(-3.0 * LOG_ODDS_PER_PAIR))
+    assert odds_by_pairs(np.ones(17), np.ones(20)) == 1.0
 
 
 def test_markers_are_found_among_four_times_as_many_outliers_that_are_denser() -> None:
