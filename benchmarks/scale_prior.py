@@ -71,6 +71,9 @@ BOTH = "the matcher's prior at 0.99, and others at four times"
 ODDS_OF_BOTH = {f"1/{against}": against / (1.0 + against) for against in (25, 40, 50, 75, 100, 150)}
 """Of the others at four times, at most, as levels; 0.99 refuses already where they have 1/25."""
 
+MOST_POWERFUL = "the likelihood ratio where its prior gives 0.99"
+RATIOS = {f"1/{against}": against / (1.0 + against) for against in (50, 100, 150, 250, 400)}
+
 
 def main() -> None:
     """Measure, print and draw."""
@@ -93,6 +96,8 @@ def main() -> None:
         both = {scale: judge_both(*tests) for scale, tests in cells.items()}
         draw(axis, BOTH, both, 1.0 / (1.0 + np.geomspace(0.04, 0.002, 31)))
         write(outliers, BOTH, both, ODDS_OF_BOTH)
+        ratio = {scale: judge_ratio(*tests) for scale, tests in cells.items()}
+        write(outliers, MOST_POWERFUL, ratio, RATIOS)
         share, errors = rates(both, 1.0 / (1.0 + MOST_ODDS_IF_LARGER))
         axis.plot(share, max(errors[-1], 1e-3), "ko", ms=7, zorder=5)
         axis.axhline(GOAL, color="0.6", ls=":", lw=1)
@@ -159,6 +164,23 @@ def judge_both(tests: Tests, background: float) -> tuple[FloatArray, BoolArray]:
     probability = judge(tests, background, MATCHER, MATCHER)[0]
     against_larger, right = judge(tests, -np.inf, MATCHER, on({SCALES[-1]: 1.0}))
     return np.where(probability >= LEAST_PROBABILITY, against_larger, 0.0), right
+
+
+def judge_ratio(tests: Tests, background: float) -> tuple[FloatArray, BoolArray]:
+    """Return what `judge_both` does, by the likelihood of the points: as stated, against others at four times.
+
+    No rule that refuses as rarely where errors are as stated pairs fewer tests wrongly where they are four times as
+    large (the lemma of Neyman & Pearson 1933), but for what the prior refuses already.
+    """
+    probability, right = judge(tests, background, MATCHER, MATCHER)
+    stated, larger = WEIGHED.index(1.0), WEIGHED.index(SCALES[-1])
+    odds = np.full(len(tests), np.inf)
+    for t, (evidence, _) in enumerate(tests):
+        if len(evidence) > 1:
+            others = np.delete(evidence[:, larger], int(np.logaddexp.reduce(evidence + MATCHER, axis=1).argmax()))
+            odds[t] = np.logaddexp.reduce(evidence[:, stated]) - np.logaddexp.reduce(others)
+    ratio = 1.0 / (1.0 + np.exp(-np.clip(odds, -700, 700)))
+    return np.where(probability >= LEAST_PROBABILITY, ratio, 0.0), right
 
 
 def rates(judged: Judged, level: float) -> tuple[float, list[float]]:
