@@ -65,7 +65,7 @@ def match_large(problem: Problem, least_probability: float) -> Pairing:
     found = find_poses(problem, acceptable, work_done=kept_back)
     if found.poses and (scale := scale_of_errors(found.chance, found.poses[0])) > LEAST_SCALE:
         problem = problem.with_errors(scale)
-        found = find_poses(problem, acceptable, work_done=found.work)
+        found = find_poses(problem, acceptable, work_done=found.work, before=found.poses)
     best = found.poses[0] if found.poses else None
     of_pairs = np.zeros(0) if best is None else found.chance.pair_probabilities(best.matrix, best.partner)
     answer = weighed(problem, found, of_pairs, least_probability)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -149,8 +150,14 @@ def work_allowed(problem: Problem) -> float:
     return float(WORK_PER_POINT * max(problem.counts) ** WORK_POWER)
 
 
-def find_poses(problem: Problem, acceptable: float, least_size: int = 0, work_done: float = 0.0) -> Found:
-    """Return the poses that pair more points than chance would.
+def find_poses(
+    problem: Problem,
+    acceptable: float,
+    least_size: int = 0,
+    work_done: float = 0.0,
+    before: Sequence[Pose] = (),
+) -> Found:
+    """Return the poses that pair more points than chance would, those found ``before`` with other errors among them.
 
     Seeds are drawn until a pose with as many right pairs as the best, and with ``least_size``, is missed with at most
     the ``acceptable`` probability, or the work allowed, less the ``work_done`` before, is done.  They are triangles
@@ -164,6 +171,8 @@ def find_poses(problem: Problem, acceptable: float, least_size: int = 0, work_do
     poses: list[Pose] = []
     chance, best, size = Chance.of(problem), None, float(least_size)
     done, missed, batch = 0, 1.0, FIRST_BATCH
+    for earlier in before:
+        add_pose(poses, refine(search, earlier.matrix))
     draw = seed_stream(rng, len(problem.ct))
     with ThreadPoolExecutor(PARTS) as pool:
         while len(seeds := draw(batch)):
