@@ -170,7 +170,7 @@ def _csv(document: RobotPointsDocument) -> str:
         sds = np.sqrt(np.diag(_about_tip(pose))[3:])
         error = np.linalg.norm(sds)
         numbers = [*pose.translation_mm, *_quaternion(pose)]
-        row = [*(f"{each:.9g}" for each in numbers), *(f"{each:.4f}" for each in (error, *sds))]
+        row = [*(f"{each:.12g}" for each in numbers), *(f"{each:.4f}" for each in (error, *sds))]
         writer.writerow([plain_text(name), end, *row, document.notice])
     return stream.getvalue()
 
@@ -189,7 +189,8 @@ def _ros(document: RobotPointsDocument) -> str:
         covariance = _about_tip(pose)[np.ix_(order, order)] * np.outer(scale, scale)
         cells = ", ".join(f"{each:.9e}" for each in covariance.ravel())
         lines += [
-            f"- name: {json.dumps(f'{name} {end}')}",
+            # as they are: YAML reads what JSON escapes beyond 16 bits as two characters
+            f"- name: {json.dumps(f'{name} {end}', ensure_ascii=False)}",
             '  header: {frame_id: "robot_base"}',
             "  pose:",
             "    pose:",

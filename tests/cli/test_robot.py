@@ -205,6 +205,30 @@ def test_trajectories_that_a_kukas_letters_do_not_tell_apart_are_refused(
     assert (f"{names[0]} and {names[1]} look alike" in told) == bool(status)
 
 
+def test_names_in_any_script_are_read_from_yaml_as_they_were_given(home: Path, tmp_path: Path) -> None:
+    name = 'left "STN" \N{BRAIN} \N{CJK UNIFIED IDEOGRAPH-5DE6}: #1'
+    first = cases.plan().trajectories[0]
+    write_plan(tmp_path / "plan.json", replace(cases.plan(), trajectories=(replace(first, name=name),)))
+    out = tmp_path / "points.yaml"
+    assert (
+        main(
+            [
+                "robot",
+                "export",
+                str(home / "final.json"),
+                str(tmp_path / "plan.json"),
+                "--to",
+                "ros",
+                "-o",
+                str(out),
+            ]
+        )
+        == 0
+    )
+    messages = yaml.safe_load(out.read_text(encoding="utf-8"))
+    assert {message["name"].removesuffix(" target") for message in messages} >= {name}
+
+
 @pytest.mark.parametrize(
     ("name", "listed"), [("frame.dat", "T_FRAME"), ("pos.dat", "T_POS"), ("frames.dat", "FRAMES")]
 )
@@ -255,6 +279,13 @@ def test_the_table_is_one_row_a_point(home: Path, capsys: pytest.CaptureFixture[
     assert main(["robot", "export", str(home / "final.json"), str(home / "plan.json"), "--to", "csv"]) == 0
     rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
     assert len(rows) == 3 * len(cases.plan().trajectories)
+    targets = {
+        row["trajectory"]: [float(row[f"{axis}_mm"]) for axis in "xyz"] for row in rows if row["point"] == "target"
+    }
+    for one in read(home / "points.json")["trajectories"]:
+        np.testing.assert_allclose(
+            targets[one["name"]], matrix(one["target"]["robot_from_tool"])[:3, 3], atol=1e-7
+        )
     assert all("Research use only" in row["notice"] for row in rows)
 
 
