@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -243,6 +244,6 @@ def _apart(places_mm: FloatArray, least_mm: float) -> list[FloatArray]:
     """The places (N, 3), strongest first, without those that lie close to a stronger one."""
     kept: list[FloatArray] = []
     for place in places_mm:
-        if all(float(np.linalg.norm(place - other)) >= least_mm for other in kept):
+        if all(math.dist(place, other) >= least_mm for other in kept):
             kept.append(place)
     return kept

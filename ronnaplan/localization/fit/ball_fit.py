@@ -118,7 +118,8 @@ def fit_at(
     unshaded = residuals
     moves, by_radius, aside_mm = np.zeros_like(around.offsets_mm), np.zeros(3), np.zeros(3)
     if converged:
-        moves[used], by_radius = influence(jacobian[used], prior.weight)
+        kept = np.flatnonzero(used)
+        moves[kept], by_radius = influence(jacobian.take(kept, axis=0), prior.weight)
     is_shaded = converged and ceiling_hu - theta[BACKGROUND] >= PLATEAU_SHARE * theta[CONTRAST]
     if is_shaded:
         shading = shaded(around, theta, residuals, jacobian, used, prior, slopes=slopes)

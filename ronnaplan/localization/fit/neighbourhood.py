@@ -75,7 +75,9 @@ def gather(volume: CTVolume, center_mm: FloatArray, reach_mm: float, axes: Float
 
 def first_of_each(slices: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return where each slice's voxels begin among those of ``slices`` (N,): they come slice by slice."""
-    return np.flatnonzero(np.diff(slices, prepend=-1))
+    is_first = np.ones(len(slices), dtype=np.bool_)
+    np.not_equal(slices[1:], slices[:-1], out=is_first[1:])
+    return np.flatnonzero(is_first)
 
 
 def axes_along(axes: FloatArray, w: FloatArray | None) -> FloatArray:

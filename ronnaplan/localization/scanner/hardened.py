@@ -139,12 +139,10 @@ def _share(fit: BallFit, hardened_hu: FloatArray, before: float) -> float:
 
     It is a random effect: it is believed as far as it stands out from the residuals.
     """
-    residuals_hu, jacobian = residuals_and_jacobian(
-        fit.neighbourhood, fit.theta, fit.prior.layer_mm, fit.ceiling_hu
-    )
+    seen = fit.neighbourhood.select(fit.used)
+    rest_hu, jacobian = residuals_and_jacobian(seen, fit.theta, fit.prior.layer_mm, fit.ceiling_hu)
     is_measured = jacobian[:, BACKGROUND] != 0.0  # where the scale has ended nothing is
-    informed = np.column_stack([jacobian[fit.used], (hardened_hu * is_measured)[fit.used]])
-    rest_hu = residuals_hu[fit.used]
+    informed = np.column_stack([jacobian, hardened_hu[fit.used] * is_measured])
     covariance = inverse(informed.T @ informed + np.diag([*fit.prior.weight, 0.0]))
     free = float((covariance @ (informed.T @ rest_hu))[-1])
     variance = ALIKE_VOXELS * float(np.mean(rest_hu**2)) * float(covariance[-1, -1])

@@ -91,11 +91,11 @@ def usual_of(examined: Sequence[Examined]) -> Shown:
     markers = [one for one in examined if one.is_marker]
     balls = distinct(one for one in examined if one.failed <= OF_THE_PROFILE)
     if len(balls) >= LEAST_TOGETHER and not all(one.is_marker for one in balls):
-        broadening_mm, off = _broadening_mm(balls)
+        off = _off_profile(balls)
         same = [one for one, is_off in zip(balls, off, strict=True) if not is_off]
         is_the_scans = not any(one.is_marker and is_off for one, is_off in zip(balls, off, strict=True))
         if len(same) >= LEAST_TOGETHER and is_the_scans:
-            return Shown(same, broadening_mm + ALIKE_MM)
+            return Shown(same, _broadening_mm(balls) + ALIKE_MM)
     return Shown(markers)
 
 
@@ -138,19 +138,28 @@ def _usual_diameter_mm(balls: Sequence[Examined], stated_mm: float) -> float:
     return float(np.median(fitted_mm)) if len(fitted_mm) >= LEAST_TOGETHER else math.nan
 
 
-def _broadening_mm(balls: Sequence[Examined]) -> tuple[float, NDArray[np.bool_]]:
-    """By how much the balls' slice profiles usually are wider than nominal, and which are unlike the others' (N,).
+def _broadening_mm(balls: Sequence[Examined]) -> float:
+    """By how much the balls' slice profiles usually are wider than nominal."""
+    nominal, widths = _profiles_mm(balls)
+    return float(np.median(widths - nominal))
+
+
+def _off_profile(balls: Sequence[Examined]) -> NDArray[np.bool_]:
+    """Which balls' slice profiles are unlike the others' (N,).
 
     Where slices lie farther apart in a part of a scan, they are either thicker there, or leave gaps: the profile is as
     much wider than nominal as elsewhere, or as wide.
     """
-    nominal = np.array([one.thickness_mm for one in balls])  # not everywhere the same where gaps stand for it
-    widths = np.array([one.parameters[WIDTH] for one in balls])
-    usual, usual_width = float(np.median(widths - nominal)), float(np.median(widths))
+    nominal, widths = _profiles_mm(balls)
     off = np.full(len(balls), fill_value=True)
-    for expected in (nominal + usual, np.full(len(balls), usual_width)):
+    for expected in (nominal + _broadening_mm(balls), np.full(len(balls), np.median(widths))):
         off &= np.abs(widths - expected) > np.maximum(ALIKE_MM, ALIKE_SHARE * expected)
-    return usual, off
+    return off
+
+
+def _profiles_mm(balls: Sequence[Examined]) -> tuple[FloatArray, FloatArray]:
+    """Return how wide the slices' profile is by name (N,), not everywhere the same where gaps tell, and as fitted."""
+    return np.array([one.thickness_mm for one in balls]), np.array([one.parameters[WIDTH] for one in balls])
 
 
 def alike(accepted: Sequence[Examined]) -> list[Examined]:
@@ -160,11 +169,14 @@ def alike(accepted: Sequence[Examined]) -> list[Examined]:
     """
     if len(accepted) < LEAST_TOGETHER:
         return list(accepted)
-    _, off = _broadening_mm(accepted)
     others_mm = float(np.median([one.parameters[WIDTH] for one in accepted]))
     judged = [
-        _unlike(one, _off_profile(one, others_mm)) if is_off else one
-        for one, is_off in zip(accepted, off, strict=True)
+        _unlike(
+            one, f"its ends are blurred over {one.parameters[WIDTH]:.1f} mm, the others' over {others_mm:.1f} mm"
+        )
+        if is_off
+        else one
+        for one, is_off in zip(accepted, _off_profile(accepted), strict=True)
     ]
     return _as_round(_as_sharp(judged))
 
@@ -180,10 +192,6 @@ def usual_profiles_mm(markers: Sequence[Examined]) -> list[float]:
 
 def _unlike(one: Examined, reason: str) -> Examined:
     return replace(one, failures=(("alike", reason),))
-
-
-def _off_profile(one: Examined, others_mm: float) -> str:
-    return f"its ends are blurred over {one.parameters[WIDTH]:.1f} mm, the others' over {others_mm:.1f} mm"
 
 
 def _as_sharp(judged: Sequence[Examined]) -> list[Examined]:

@@ -26,7 +26,7 @@ from ronnaplan.localization.search.votes import Ballot, Candidates, Edges
 MIN_CONTRAST_HU = 300.0
 """Faintest ball that is looked for, against its surroundings (plastic in air shows about 1,100 HU)."""
 
-SLAB_SLICES = 32
+SLAB_SLICES = 16
 """So many slices of the coarse copy vote at a time; there never is more of it."""
 
 ALMOST = 0.999
@@ -95,14 +95,13 @@ def _find_edges(
     _, rows, columns = voxels.shape
     per_u, per_v, least = 0.5 / steps[0], 0.5 / steps[1], threshold * threshold
     squares = np.empty(columns, dtype=np.float32)
-    edges, count = (
-        np.empty(((end - first) * rows * columns, 6), dtype=np.float32),
-        0,
-    )  # only what is written is held
+    edges, count = np.empty((6, rows * columns), dtype=np.float32), 0
     for k in range(first, end):
         slant = origins[k + 1] - origins[k - 1]
         slant_u, slant_v, per_w = slant[0], slant[1], 1.0 / slant[2]
         for j in range(1, rows - 1):
+            if count + columns > edges.shape[1]:
+                edges = _held(edges, count, 2 * edges.shape[1])
             _square_gradients(voxels, k, j, per_u, per_v, per_w, slant_u, slant_v, squares)
             for i in range(1, columns - 1):
                 if squares[i] < ALMOST * least:
@@ -116,12 +115,22 @@ def _find_edges(
                 if square < least:
                     continue
                 per_rise = 1.0 / math.sqrt(square)
-                edges[count, 0] = origins[k, 0] + i * steps[0]
-                edges[count, 1] = origins[k, 1] + j * steps[1]
-                edges[count, 2] = origins[k, 2]
-                edges[count, 3], edges[count, 4], edges[count, 5] = per_rise * gu, per_rise * gv, per_rise * gw
+                edges[0, count] = origins[k, 0] + i * steps[0]
+                edges[1, count] = origins[k, 1] + j * steps[1]
+                edges[2, count] = origins[k, 2]
+                edges[3, count], edges[4, count], edges[5, count] = per_rise * gu, per_rise * gv, per_rise * gw
                 count += 1
-    return edges[:count]
+    return _held(edges, count, count)
+
+
+@njit(cache=True, nogil=True)
+def _held(edges: Edges, count: int, room: int) -> Edges:
+    """Return the first so many of the ``edges`` with ``room`` for others."""
+    held = np.empty((6, room), dtype=np.float32)
+    for row in range(6):
+        for n in range(count):
+            held[row, n] = edges[row, n]
+    return held
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})

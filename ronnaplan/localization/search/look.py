@@ -250,12 +250,32 @@ def fill_nearest(
 
     NaN outside the scan, which ends half a voxel beyond the last ones, and in its padding.
     """
-    count, rows, columns = voxels.shape
+    nearest = np.empty((len(offsets), 3), dtype=np.intp)
+    _find_nearest(place, offsets, voxels.shape, origins, steps, nearest)
+    # Where all of them are is known by now, so that the memory is waited for but once.
+    for n in range(len(offsets)):
+        values[n] = np.nan
+        k, j, i = nearest[n]
+        if k >= 0 and voxels[k, j, i] != padding:
+            values[n] = voxels[k, j, i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _find_nearest(
+    place: FloatArray,
+    offsets: FloatArray,
+    shape: tuple[int, int, int],
+    origins: FloatArray,
+    steps: FloatArray,
+    nearest: NDArray[np.intp],
+) -> None:
+    """Fill ``nearest`` (M, 3) with the slice, row and column of the voxel at each place; slice -1 outside the scan."""
+    count, rows, columns = shape
     last = count - 1
     k = int((place[2] - origins[0, 2]) / max(origins[last, 2] - origins[0, 2], 1e-9) * last)
     k = min(max(k, 0), last)
     for n in range(len(offsets)):
-        values[n] = np.nan
+        nearest[n, 0] = -1
         w = place[2] + offsets[n, 2]
         while k > 0 and origins[k - 1, 2] >= w:
             k -= 1
@@ -272,5 +292,5 @@ def fill_nearest(
             k = 0
         i = int(np.floor((place[0] + offsets[n, 0] - origins[k, 0]) / steps[0] + 0.5))
         j = int(np.floor((place[1] + offsets[n, 1] - origins[k, 1]) / steps[1] + 0.5))
-        if 0 <= i < columns and 0 <= j < rows and voxels[k, j, i] != padding:
-            values[n] = voxels[k, j, i]
+        if 0 <= i < columns and 0 <= j < rows:
+            nearest[n, 0], nearest[n, 1], nearest[n, 2] = k, j, i

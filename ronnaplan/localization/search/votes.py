@@ -20,7 +20,7 @@ MIN_VOTE_SHARE = 0.3
 """A candidate has at least this share of the votes of a complete, isolated ball of its size."""
 
 Edges = NDArray[np.float32]
-"""Voxels (N, 6) of a slab that may lie on a surface: where along u, v, w (mm), and the direction in which the image
+"""Voxels (6, N) of a slab that may lie on a surface: where along u, v, w (mm), and the direction in which the image
 rises there."""
 
 Votes = NDArray[np.uint8]
@@ -81,11 +81,12 @@ class Ballot:
 @njit(cache=True, nogil=True)
 def _vote(edges: Edges, radius: float, corner: FloatArray, cell: float, votes: Votes) -> None:
     """Let each edge vote for what lies one ``radius`` up the image from it."""
+    u, v, w, rises_u, rises_v, rises_w = edges[0], edges[1], edges[2], edges[3], edges[4], edges[5]
     per_cell = 1.0 / cell
-    for n in range(len(edges)):
-        x = int((edges[n, 0] + radius * edges[n, 3] - corner[0]) * per_cell + 0.5)
-        y = int((edges[n, 1] + radius * edges[n, 4] - corner[1]) * per_cell + 0.5)
-        z = int((edges[n, 2] + radius * edges[n, 5] - corner[2]) * per_cell + 0.5)
+    for n in range(len(u)):
+        x = int((u[n] + radius * rises_u[n] - corner[0]) * per_cell + 0.5)
+        y = int((v[n] + radius * rises_v[n] - corner[1]) * per_cell + 0.5)
+        z = int((w[n] + radius * rises_w[n] - corner[2]) * per_cell + 0.5)
         if 0 <= z < votes.shape[0] and 0 <= y < votes.shape[1] and 0 <= x < votes.shape[2]:
             votes[z, y, x] += votes[z, y, x] < MOST_VOTES
 
@@ -111,25 +112,25 @@ def _gather_peaks(
     centers = []
     depth, height, width = votes.shape
     least = np.uint16(math.ceil(threshold))
-    sums = np.empty((3, height, width), dtype=np.uint16)  # of three layers, each at its number modulo 3
-    tops = np.empty((3, height), dtype=np.uint16)
-    begin = max(first, 1)
-    if begin < min(end, depth - 1):
-        _sum_layer(votes, begin - 1, sums, tops)
-        _sum_layer(votes, begin, sums, tops)
-    for z in range(begin, min(end, depth - 1)):
-        _sum_layer(votes, z + 1, sums, tops)
-        for y in range(1, height - 1):
-            row = sums[z % 3, y]
+    within = np.empty((3, height, width), dtype=np.uint16)  # of three layers, each at its number modulo 3
+    sums, tops = np.empty_like(within), np.empty((3, height), dtype=np.uint16)
+    is_high = np.empty(width, dtype=np.bool_)
+    begin, past = max(first, 1), min(end, depth - 1)
+    for ahead in range(begin - 2, past + 2):
+        _sum_within(votes, ahead, within)
+        if ahead >= begin:
+            _sum_layers(votes, ahead - 1, within, sums, tops)
+        z = ahead - 2
+        for y in range(1, height - 1 if z >= begin else 0):
             if tops[z % 3, y] < least:
                 continue
+            _mark_high(sums, z, y, least, is_high)
             for x in range(1, width - 1):
-                total = row[x]
-                if total < least or row[x - 1] >= total or row[x + 1] > total or not _is_peak(sums, z, y, x):
-                    continue
-                places.append((z, y, x))
-                strengths.append(float(total))
-                centers.append(_centroid(votes, z, y, x, float(total)))
+                if is_high[x] and _is_peak(sums, z, y, x):
+                    total = float(sums[z % 3, y, x])
+                    places.append((z, y, x))
+                    strengths.append(total)
+                    centers.append(_centroid(votes, z, y, x, total))
     count = len(places)
     place_array = np.empty((count, 3), dtype=np.int64)
     center_array = np.empty((count, 3))
@@ -143,30 +144,53 @@ def _gather_peaks(
 
 
 @njit(cache=True, nogil=True)
-def _sum_layer(votes: Votes, z: int, sums: Sums, tops: Sums) -> None:
+def _sum_within(votes: Votes, z: int, within: Sums) -> None:
+    """Fill the layer of ``within`` with the votes in the 3 x 3 cells of layer ``z`` about each, if there is one."""
+    depth, height, width = votes.shape
+    across = np.empty(width, dtype=np.uint16)
+    for y in range(height):
+        across[:] = 0
+        for b in range(max(y - 1, 0), min(y + 2, height) if 0 <= z < depth else 0):
+            row = votes[z, b]
+            for x in range(width):
+                across[x] += row[x]
+        into = within[z % 3, y]
+        into[0], into[width - 1] = across[0] + across[1], across[width - 2] + across[width - 1]
+        for x in range(1, width - 1):
+            into[x] = across[x - 1] + across[x] + across[x + 1]
+
+
+@njit(cache=True, nogil=True)
+def _sum_layers(votes: Votes, z: int, within: Sums, sums: Sums, tops: Sums) -> None:
     """Fill the layer of ``sums`` with the votes in the 3 x 3 x 3 cells about each cell of layer ``z``.
 
     ``tops`` gets the largest sum of each row. Of a cell that nobody voted for 0 is told: between two slices' votes it
     would gather most, and nobody be the peak.
     """
-    depth, height, width = votes.shape
-    across = np.empty(width, dtype=np.uint16)
+    _, height, width = votes.shape
     for y in range(height):
-        across[:] = 0
-        for c in range(max(z - 1, 0), min(z + 2, depth)):
-            for b in range(max(y - 1, 0), min(y + 2, height)):
-                row = votes[c, b]
-                for x in range(width):
-                    across[x] += row[x]
-        into, own = sums[z % 3, y], votes[z, y]
-        into[0], into[width - 1] = across[0] + across[1], across[width - 2] + across[width - 1]
-        for x in range(1, width - 1):
-            into[x] = across[x - 1] + across[x] + across[x + 1]
-        top = np.uint16(0)
+        before, here, behind = within[(z - 1) % 3, y], within[z % 3, y], within[(z + 1) % 3, y]
+        into, own, top = sums[z % 3, y], votes[z, y], np.uint16(0)
         for x in range(width):
-            into[x] *= own[x] != 0
+            into[x] = (before[x] + here[x] + behind[x]) * (own[x] != 0)
             top = max(top, into[x])
         tops[z % 3, y] = top
+
+
+@njit(cache=True, nogil=True)
+def _mark_high(sums: Sums, z: int, y: int, least: np.uint16, is_high: NDArray[np.bool_]) -> None:
+    """Mark in ``is_high`` (x,) the inner cells of a row that gather ``least``, and no less than the six nearest ones.
+
+    Many at once, before the few that are left are asked one by one.
+    """
+    last = len(is_high) - 1
+    row, left, right = sums[z % 3, y, 1:last], sums[z % 3, y, : last - 1], sums[z % 3, y, 2:]
+    above, below = sums[z % 3, y - 1, 1:last], sums[z % 3, y + 1, 1:last]
+    before, behind = sums[(z - 1) % 3, y, 1:last], sums[(z + 1) % 3, y, 1:last]
+    inner = is_high[1:last]
+    for x in range(len(inner)):
+        highest = max(max(left[x], right[x]), max(above[x], below[x]), max(before[x], behind[x]))
+        inner[x] = row[x] >= max(highest, least)
 
 
 @njit(cache=True, nogil=True)

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from ronnaplan.ct import CTVolume
 from ronnaplan.localization.search.coarse import coarsen
-from ronnaplan.localization.search.detect import detect
+from ronnaplan.localization.search.detect import _find_edges, detect
 from tests.scans import balls, scan, small_stack
 
 TURN = Rotation.from_euler("xyz", [20, -30, 50], degrees=True).as_matrix()
@@ -35,6 +35,16 @@ def test_the_strongest_candidate_is_the_ball(geometry: dict[str, object]) -> Non
 def test_an_empty_scan_has_no_candidates() -> None:
     empty = scan(balls([(200.0, 0.0, 0.0)]), small_stack())
     assert len(detect(empty, 11.5).centers_mm) == 0
+
+
+def test_all_edges_are_kept_where_every_voxel_is_one() -> None:
+    """There are more of them than there was room for at first."""
+    slices, rows, columns = 12, 5, 6
+    voxels_hu = np.zeros((slices, rows, columns), dtype=np.int16) + 1000 * np.arange(columns, dtype=np.int16)
+    origins_mm = np.arange(float(slices))[:, np.newaxis] * [0.0, 0.0, 1.0]
+    edges = _find_edges(voxels_hu, origins_mm, np.ones(2), 100.0, 1, slices - 1)
+    k, j, i = np.indices((slices - 2, rows - 2, columns - 2)).reshape(3, -1) + 1
+    np.testing.assert_array_equal(edges, [i, j, k, *[np.full(len(k), up) for up in (1, 0, 0)]])
 
 
 def test_the_coarse_copy_keeps_every_voxel_at_its_place() -> None:
