@@ -116,15 +116,17 @@ def fit_at(
         around, used = around.select(used), np.ones(np.count_nonzero(used), dtype=np.bool_)
     residuals, jacobian = residuals_and_jacobian(around, theta, prior.layer_mm, ceiling_hu)
     unshaded = residuals
-    moves, by_radius, aside_mm = np.zeros_like(around.offsets_mm), np.zeros(3), np.zeros(3)
-    if converged:
-        kept = np.flatnonzero(used)
-        moves[kept], by_radius = influence(jacobian.take(kept, axis=0), prior.weight)
+    by_radius, aside_mm = np.zeros(3), np.zeros(3)
     is_shaded = converged and ceiling_hu - theta[BACKGROUND] >= PLATEAU_SHARE * theta[CONTRAST]
     if is_shaded:
+        by_radius = influence(_of_used(jacobian, used), prior.weight)[1]
         shading = shaded(around, theta, residuals, jacobian, used, prior, slopes=slopes)
         theta = np.append(theta[CENTER] + shading.shift_mm, theta[RADIUS:])
         residuals, moves, aside_mm = shading.residuals_hu, shading.influence_mm_per_hu, shading.aside_mm
+    else:
+        moves = np.zeros_like(around.offsets_mm)
+        if converged:
+            moves[used], by_radius = influence(_of_used(jacobian, used), prior.weight)
     by_layer = np.zeros((3, 3))
     if converged and (prior.layer_mm > 0.0 or (prior.layer_mm < 0.0 and not is_shaded)):
         by_layer = prior.layer_mm * moves.T @ layer_jacobian(around, theta, prior.layer_mm)
@@ -146,3 +148,8 @@ def fit_at(
         prior=prior,
         ceiling_hu=ceiling_hu,
     )
+
+
+def _of_used(jacobian: FloatArray, used: NDArray[np.bool_]) -> FloatArray:
+    """Return the rows of a ``jacobian`` (N, P) that are ``used`` (N,)."""
+    return jacobian.take(np.flatnonzero(used), axis=0)

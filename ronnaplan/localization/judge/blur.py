@@ -64,11 +64,13 @@ class Edge:
         for axis in (U, V):
             step = np.zeros(len(fit.theta))
             step[axis] = STEP_MM
-            sides = [
-                residuals_and_jacobian(around, fit.theta + side * step, fit.prior.layer_mm, fit.ceiling_hu)[1]
+            ahead, behind = (
+                residuals_and_jacobian(around, fit.theta + side * step, fit.prior.layer_mm, fit.ceiling_hu)[1][
+                    :, CENTER
+                ].copy()  # the other columns are not held
                 for side in (1.0, -1.0)
-            ]
-            changes.append((sides[0][:, CENTER] - sides[1][:, CENTER]) / (2.0 * STEP_MM))
+            )
+            changes.append((ahead - behind) / (2.0 * STEP_MM))
         by_u, by_v = changes
         return np.column_stack([by_u[:, W], by_v[:, W], by_u[:, V], (by_u[:, U] - by_v[:, V]) / 2.0])
 

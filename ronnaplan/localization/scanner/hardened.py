@@ -116,9 +116,8 @@ def without_the_head(volume: CTVolume, fit: BallFit, head: Head) -> BallFit:
         return fit
     rows_hu = rows_lost_hu(volume, fit) if head is Head.MADE_GOOD else np.zeros(len(seen.values_hu))
     for _ in range(ROUNDS):
-        hardened_hu, pulled_hu = pictures_hu(beside, fit)
-        before, share = share, _share(fit, hardened_hu, share)
-        whole_hu = rows_hu - share * hardened_hu - APERTURE_MM2 * pulled_hu
+        before = share
+        whole_hu, share = _lost_hu(beside, fit, rows_hu, before)
         again = refit(fit, seen.given_back(whole_hu, fit.ceiling_hu))
         if not again.converged:
             break
@@ -126,6 +125,13 @@ def without_the_head(volume: CTVolume, fit: BallFit, head: Head) -> BallFit:
         if abs(share - before) < CLOSE:
             break
     return fit
+
+
+def _lost_hu(beside: Beside, fit: BallFit, rows_hu: FloatArray, before: float) -> tuple[FloatArray, float]:
+    """Return what the voxels (N,) of a fit have lost, ``rows_hu`` (N,) of it to rows, and the share of `_share`."""
+    hardened_hu, pulled_hu = pictures_hu(beside, fit)
+    share = _share(fit, hardened_hu, before)
+    return rows_hu - share * hardened_hu - APERTURE_MM2 * pulled_hu, share
 
 
 def rows_lost_hu(volume: CTVolume, fit: BallFit) -> FloatArray:
