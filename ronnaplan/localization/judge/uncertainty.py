@@ -45,6 +45,9 @@ from ronnaplan.localization.fit.parameters import (
 from ronnaplan.localization.fit.shading import QUANTIZATION_NOISE_HU, UNEVEN
 from ronnaplan.localization.judge.motion import LEAST_TOGETHER, Movement
 
+CUT_OFF_SHARE = 0.6
+"""Of air at its scale's lower end half is cut off, and the other half tells its noise; of air below it, more than this."""
+
 MIN_FLAT_VOXELS = 30
 """A zone with fewer voxels says nothing of the noise."""
 
@@ -258,16 +261,20 @@ def noise_level(fit: BallFit) -> float:
     """Standard deviation of the noise (HU) where the ball and its surroundings are flat.
 
     Robust to streaks (each direction's mean is taken off) and to air at the bottom of the scale (only the upper
-    half of the values counts); the quieter of inside and outside, for what disturbs only adds.
+    half of the values counts); the quieter of inside and outside, for what disturbs only adds. Air below the scale has
+    no noise: where the ball's inside tells, it is not asked.
     """
     depth, blur = edge_depth(fit.neighbourhood.offsets_mm, fit.theta)
     measured = fit.jacobian[:, BACKGROUND] != 0.0  # clipped voxels have no noise
-    flat = np.flatnonzero(fit.used & measured & (np.abs(depth) > 2.0 * blur))
+    is_flat = fit.used & (np.abs(depth) > 2.0 * blur)
+    is_cut_off = (fit.neighbourhood.values_hu <= fit.neighbourhood.floors_hu)[is_flat & (depth > 0.0)]
+    hides_air = np.count_nonzero(is_cut_off) > CUT_OFF_SHARE * len(is_cut_off)
+    flat = np.flatnonzero(is_flat & measured)
     cells = direction_cells(fit.neighbourhood.offsets_mm.take(flat, axis=0) - fit.theta[CENTER])
     residuals_hu, is_outside = fit.residuals_hu.take(flat), depth.take(flat) > 0.0
-    levels = []
+    levels: list[float] = []
     for zone in (~is_outside, is_outside):
-        if np.count_nonzero(zone) < MIN_FLAT_VOXELS:
+        if np.count_nonzero(zone) < MIN_FLAT_VOXELS or (levels and hides_air and zone is is_outside):
             continue
         means = cell_means(residuals_hu, cells, zone)
         left_over = (residuals_hu - means[cells])[zone]
