@@ -54,6 +54,7 @@ class VolumeFlag(StrEnum):
     NO_TISSUE = (
         "no value is as high as tissue's, as if the rescale slope were wrong; expected tissue at about 0 HU"
     )
+    SCALED = "air and what is in it are not 1000 apart, so the values are no HU; they were scaled to find markers"
     INVERTED = "more than half is brighter than bone, as if inverted or without its sign; expected air at -1000 HU"
 
 

@@ -32,6 +32,7 @@ from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import Examined, distinct, examine, examine_places
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
 from ronnaplan.localization.judge.motion import LEAST_TOGETHER
+from ronnaplan.localization.scanner.hounsfield import in_hounsfield
 from ronnaplan.localization.scanner.measured import measured
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanner.summed import UNTOLD
@@ -127,7 +128,7 @@ def _examined(
     summed before the logarithm was taken, or slices that blur in another direction than their normal, which summed rays
     can feign. Where they still do, nothing is made good of summing: what was summed did not lie as they do.
     """
-    scan = as_thin(Scan(measured(volume)))
+    scan = as_thin(Scan(in_hounsfield(measured(volume))))
     for diameter in diameters:
         _check_size(scan, diameter)
     examined = examine(scan, diameters, marker, progress)
