@@ -46,7 +46,7 @@ from ronnaplan.localization.fit.shading import QUANTIZATION_NOISE_HU, UNEVEN
 from ronnaplan.localization.judge.motion import LEAST_TOGETHER, Movement
 
 CUT_OFF_SHARE = 0.6
-"""Of air at its scale's lower end half is cut off, and the other half tells its noise; of air below it, more than this."""
+"""Half of the air at a scale's lower end is cut off, and the other half tells its noise; of air below it, more is."""
 
 MIN_FLAT_VOXELS = 30
 """A zone with fewer voxels says nothing of the noise."""
