@@ -34,8 +34,8 @@ BRIGHTEST: Final = 4.0
 """Bone, and the end of a scale of 12 bits, are brighter than tissue by less than so many times what tissue is brighter
 than air. In a crop that shows no air, but bone, fat and brain lie much nearer together than that."""
 
-LEVELS: Final = 256
-"""So many levels tell where two kinds of values part."""
+LEVELS, FEW = 256, 0.005
+"""So many levels tell where two kinds of values part, between the ends that this share of the values lies beyond."""
 
 
 def in_hounsfield(volume: CTVolume) -> CTVolume:
@@ -43,7 +43,8 @@ def in_hounsfield(volume: CTVolume) -> CTVolume:
     doubts = set(doubts_of_scale(volume.voxels_hu, volume.padding_hu))
     if not doubts or not doubts <= WRONG_SCALE:
         return volume
-    told = _air_and_tissue(_seen(volume))
+    seen = _seen(volume)
+    told = _air_and_tissue(seen) if seen.size else None
     if told is None:
         return volume
     air, tissue = told
@@ -82,7 +83,7 @@ def _air_and_tissue(values: FloatArray) -> tuple[float, float] | None:
 
 def _two_kinds(values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Part sorted ``values`` (N,) in two where they differ most from each other (Otsu, IEEE T-SMC 9:62, 1979)."""
-    lowest, highest = np.quantile(values, [0.005, 0.995]).tolist()
+    lowest, highest = np.quantile(values, [FEW, 1.0 - FEW]).tolist()
     levels = np.linspace(lowest, highest, LEVELS)
     below = np.searchsorted(values, levels)
     within = (below > 0) & (below < len(values))

@@ -74,3 +74,9 @@ def test_metal_in_tissue_without_air_is_left(shown: CTVolume) -> None:
     values[0, :, :50] = 3071  # below a hundredth of all
     volume = replace(shown, voxels_hu=values)
     assert in_hounsfield(volume) is volume
+
+
+@pytest.mark.parametrize("padding", [0.0, 7.0])
+def test_a_scan_of_padding_or_of_one_value_alone_is_left(shown: CTVolume, padding: float) -> None:
+    volume = replace(shown, voxels_hu=np.zeros_like(shown.voxels_hu), padding_hu=padding)
+    assert in_hounsfield(volume) is volume
