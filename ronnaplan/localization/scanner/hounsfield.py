@@ -83,14 +83,11 @@ def _air_and_tissue(values: FloatArray) -> tuple[float, float] | None:
 
 def _two_kinds(values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Part sorted ``values`` (N,) in two where they differ most from each other (Otsu, IEEE T-SMC 9:62, 1979)."""
-    lowest, highest = np.quantile(values, [FEW, 1.0 - FEW]).tolist()
-    levels = np.linspace(lowest, highest, LEVELS)
-    below = np.searchsorted(values, levels)
-    within = (below > 0) & (below < len(values))
-    if not within.any():
+    from skimage.filters import threshold_otsu
+
+    lowest, highest = np.quantile(values, [FEW, 1.0 - FEW])
+    if lowest == highest:
         return values, values[:0]
-    below = below[within]
-    sums = np.cumsum(values)
-    dark, bright = sums[below - 1] / below, (sums[-1] - sums[below - 1]) / (len(values) - below)
-    at = below[np.argmax(below * (len(values) - below) * (bright - dark) ** 2)]
-    return values[:at], values[at:]
+    threshold = threshold_otsu(np.clip(values, lowest, highest), nbins=LEVELS)
+    dark = np.searchsorted(values, threshold, side="right")
+    return values[:dark], values[dark:]
