@@ -264,7 +264,7 @@ def _blocked(job: Job, coarse: Problem, bases: FloatArray) -> tuple[str, ...]:
     best = some[[int(each.sum(axis=1).argmax())]]
     never = np.flatnonzero(~each.any(axis=0))
     if len(never):
-        return tuple(_sentence(job, coarse, int(n), some, "for every base", best) for n in never)
+        return tuple(_sentence(job, coarse, int(n), some, "for every base that was tried", best) for n in never)
     left = np.flatnonzero(~each[each.sum(axis=1).argmax()])
     told = [_sentence(job, coarse, int(n), best, "from the base that serves most", best) for n in left]
     return ("each task is served by some base, but no base that was tried serves all", *told)

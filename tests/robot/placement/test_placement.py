@@ -305,7 +305,9 @@ FROM_ABOVE = (CENTER_MM + ABOVE_MM, CENTER_MM)
 def test_what_blocks_is_told() -> None:
     assert "out of the arm's reach" in blocked((CENTER_MM + 1.1 * FAR_MM, CENTER_MM + FAR_MM))
     assert "a singular posture" in blocked(FROM_ABOVE, margins=Margins(singularity_deg=89.0))
-    assert "its limit for every base; 80 are asked for" in blocked(FROM_ABOVE, margins=Margins(joint_deg=80.0))
+    assert "its limit for every base that was tried; 80 are asked for" in blocked(
+        FROM_ABOVE, margins=Margins(joint_deg=80.0)
+    )
     assert "the tracker does not see" in blocked(FROM_ABOVE, margins=Margins(tracker_deg=74.0))
     from_below = blocked((CENTER_MM - ABOVE_MM, CENTER_MM))
     assert from_below.startswith("trajectory LH: ")
@@ -317,14 +319,14 @@ def test_an_instrument_too_short_meets_the_head_with_its_holder() -> None:
     given = job(0, 1, 0, floor=SMALL, tracker=None)
     task = drill_task("LH", *FROM_ABOVE, given.room.tool, 95.0, 2.4)
     (sentence,) = find_places(replace(given, tasks=(task,))).blocked
-    assert "holder would meet the head for every base; 20 mm are asked for" in sentence
+    assert "holder would meet the head for every base that was tried; 20 mm are asked for" in sentence
 
 
 @pytest.mark.usefixtures("few_further_bases")
 def test_what_a_body_would_meet_is_named_though_the_tracker_sees_not_every_roll() -> None:
     board = Box("board", (0.0, 0.0, 1190.0), (400.0, 400.0, 20.0))
     sentence = blocked(FROM_ABOVE, boxes=(*room().boxes, board))
-    assert "board for every base; 20 mm are asked for" in sentence
+    assert "board for every base that was tried; 20 mm are asked for" in sentence
     low = Capsule("rail", (-150.0, -300.0, 1180.0), (-150.0, 300.0, 1180.0), 200.0)
     assert "would meet rail" in blocked(FROM_ABOVE, boxes=(), capsules=(low,))
 
