@@ -13,7 +13,6 @@ from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import Examined, distinct, examine, examine_place
-from ronnaplan.localization.scanner.measured import measured
 from ronnaplan.localization.scanner.scan import Scan, Slant
 from ronnaplan.localization.scanwide.logarithm import summed_seen
 from ronnaplan.localization.scanwide.slant import slant_seen
@@ -105,7 +104,7 @@ class Score:
 
 def markers_of(cases: Sequence[Case], build: Build = SOLID) -> list[list[Examined]]:
     """Return what `localize` finds in each part of one scan, its uncertainty as in the whole."""
-    scans = [Scan(measured(case.volume)) for case in cases]
+    scans = [Scan.of(case.volume) for case in cases]
     if any(scan.volume is case.volume for scan, case in zip(scans, cases, strict=True)):
         # a part has slices that are not recognized: so has the whole
         scans = [Scan(case.volume) for case in cases]

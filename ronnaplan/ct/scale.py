@@ -37,8 +37,7 @@ def doubts_of_scale(voxels_hu: Voxels, padding_hu: float | None) -> tuple[Volume
     """Return the reasons to doubt that values (K, J, I) are HU, other than those that are ``padding_hu``."""
     if voxels_hu.size < LEAST_VOXELS:
         return ()
-    steps = [slice(None, None, max(size // SEEN, 1)) for size in voxels_hu.shape]
-    seen = _measured(voxels_hu[tuple(steps)], padding_hu)
+    seen = seen_values(voxels_hu, padding_hu)
     if not seen.size:
         return VolumeFlag.NO_AIR, VolumeFlag.NO_TISSUE
     air = _without_paddings(seen[seen < AIR_BELOW_HU])
@@ -49,6 +48,12 @@ def doubts_of_scale(voxels_hu: Voxels, padding_hu: float | None) -> tuple[Volume
         VolumeFlag.INVERTED: float(np.median(seen)) > BRIGHT_HU,
     }
     return tuple(flag for flag, holds in doubts.items() if holds)
+
+
+def seen_values(voxels_hu: Voxels, padding_hu: float | None) -> NDArray[Any]:
+    """Return some of the values (N,), from all over the scan, that are no padding."""
+    steps = [slice(None, None, max(size // SEEN, 1)) for size in voxels_hu.shape]
+    return _measured(voxels_hu[tuple(steps)], padding_hu)
 
 
 def _measured(voxels_hu: NDArray[Any], padding_hu: float | None) -> NDArray[Any]:

@@ -1,6 +1,7 @@
 """From a scan to its markers: detect, fit, accept. `localize` is the pipeline's own description.
 
-1. Slices that were computed are left out (`measured`), and a tag that says far too much of their thickness (`thick`).
+1. Slices that were computed are left out (`measured`), grey values are brought to HU (`hounsfield`), and a tag that
+   says far too much of the slices' thickness is left out, too (`thick`).
 2. Each candidate is detected, fitted, with what a head (`hardened`) and a screw (`crossed`) do to its image made good,
    and judged by itself (`examine`), and again where slices are far thicker than the header says (`thick`), where rays
    were summed before the logarithm was taken (`logarithm`), or where slices blur aslant (`slant`).
@@ -32,8 +33,6 @@ from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import Examined, distinct, examine, examine_places
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
 from ronnaplan.localization.judge.motion import LEAST_TOGETHER
-from ronnaplan.localization.scanner.hounsfield import in_hounsfield
-from ronnaplan.localization.scanner.measured import measured
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanner.summed import UNTOLD
 from ronnaplan.localization.scanwide.logarithm import as_summed
@@ -128,7 +127,7 @@ def _examined(
     summed before the logarithm was taken, or slices that blur in another direction than their normal, which summed rays
     can feign. Where they still do, nothing is made good of summing: what was summed did not lie as they do.
     """
-    scan = as_thin(Scan(in_hounsfield(measured(volume))))
+    scan = as_thin(Scan.of(volume))
     for diameter in diameters:
         _check_size(scan, diameter)
     examined = examine(scan, diameters, marker, progress)

@@ -22,8 +22,6 @@ from ronnaplan.localization.examine import Examined, distinct, examine_place
 from ronnaplan.localization.fit.parameters import BACKGROUND, CONTRAST
 from ronnaplan.localization.fit.shading import PLATEAU_SHARE
 from ronnaplan.localization.parts import single_threaded_algebra
-from ronnaplan.localization.scanner.hounsfield import in_hounsfield
-from ronnaplan.localization.scanner.measured import measured
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanwide.slant import along_the_blur
 from ronnaplan.localization.scanwide.thick import as_thick, as_thin
@@ -127,7 +125,7 @@ def _sizes(
     That tells which have to be fitted next, by their numbers, once some of them are.
     """
     check_type(volume, CTVolume, "the volume", "read_ct returns one")
-    scan = as_thin(Scan(in_hounsfield(measured(volume))))
+    scan = as_thin(Scan.of(volume))
     coarse = Scan(coarsen(scan.volume, COARSE_FLOOR_MM), whole=scan)
 
     def scan_for(diameter_mm: float) -> Scan:

@@ -43,20 +43,18 @@ def marker_pictures(volume: CTVolume, found: FiducialsDocument) -> list[MarkerPi
     """Fit every marker of a document again in its scan; the pictures hold what they show, and no voxels."""
     from ronnaplan.localization import Build
     from ronnaplan.localization.fit.parameters import full_width_at_half_maximum_mm
-    from ronnaplan.localization.scanner.hounsfield import in_hounsfield
-    from ronnaplan.localization.scanner.measured import measured
     from ronnaplan.localization.scanner.scan import Scan, Slant
     from ronnaplan.localization.scanner.summed import UNTOLD, Summed
     from ronnaplan.localization.scanwide.thick import of_thickness
 
     seen = found.resolution
     if seen is None:
-        scan = thick = Scan(in_hounsfield(measured(volume)))
+        scan = thick = Scan.of(volume)
     else:
         width_mm = seen.profile_fwhm_mm / full_width_at_half_maximum_mm(1.0, seen.profile_shape)
         slant = None if seen.profile_axis is None else Slant(np.array(seen.profile_axis), width_mm)
         summed = Summed(first=True, error=0.0) if seen.summed_first else UNTOLD
-        scan = Scan(in_hounsfield(measured(volume)), slant, summed=summed)
+        scan = Scan.of(volume, slant, summed)
         thick = of_thickness(scan, width_mm)
     build = Build(found.marker.layer_mm)
     return [_picture(scan, thick, marker, build) for marker in found.fiducials]

@@ -8,12 +8,11 @@ faintest that is looked for, and none is found. That a factor is wrong is told w
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ronnaplan.ct.scale import SEEN, doubts_of_scale
+from ronnaplan.ct.scale import doubts_of_scale, seen_values
 from ronnaplan.ct.scratch import one_by_one
 from ronnaplan.ct.volume import CTVolume, VolumeFlag
 from ronnaplan.geometry import FloatArray
@@ -43,7 +42,7 @@ def in_hounsfield(volume: CTVolume) -> CTVolume:
     doubts = set(doubts_of_scale(volume.voxels_hu, volume.padding_hu))
     if not doubts or not doubts <= WRONG_SCALE:
         return volume
-    seen = _seen(volume)
+    seen = np.sort(seen_values(volume.voxels_hu, volume.padding_hu).astype(np.float64))
     told = _air_and_tissue(seen) if seen.size else None
     if told is None:
         return volume
@@ -58,13 +57,6 @@ def in_hounsfield(volume: CTVolume) -> CTVolume:
     if padding is not None:
         padding = float(np.clip((padding - air) * factor - APART_HU, ends.min, ends.max).round())
     return replace(volume, voxels_hu=scaled, padding_hu=padding, flags=(*volume.flags, VolumeFlag.SCALED))
-
-
-def _seen(volume: CTVolume) -> FloatArray:
-    """Return some of the values that are no padding (N,), sorted."""
-    steps = [slice(None, None, max(size // SEEN, 1)) for size in volume.voxels_hu.shape]
-    values: NDArray[Any] = volume.voxels_hu[tuple(steps)]
-    return np.sort(values[values != volume.padding_hu].astype(np.float64))
 
 
 def _air_and_tissue(values: FloatArray) -> tuple[float, float] | None:

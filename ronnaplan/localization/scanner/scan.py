@@ -13,6 +13,8 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.neighbourhood import axes_along
 from ronnaplan.localization.scanner.beat import noise_beats
 from ronnaplan.localization.scanner.ceiling import scale_end_hu
+from ronnaplan.localization.scanner.hounsfield import in_hounsfield
+from ronnaplan.localization.scanner.measured import measured
 from ronnaplan.localization.scanner.summed import UNTOLD, Summed
 
 BROADENING = 1.5
@@ -40,6 +42,11 @@ class Scan:
         self.slant = slant
         self.summed = summed
         self._whole = whole
+
+    @classmethod
+    def of(cls, volume: CTVolume, slant: Slant | None = None, summed: Summed = UNTOLD) -> Scan:
+        """Return what was measured of a volume, in Hounsfield units; raises `InputError` for a single slice."""
+        return cls(in_hounsfield(measured(volume)), slant, summed=summed)
 
     @cached_property
     def axes(self) -> FloatArray:
