@@ -83,6 +83,38 @@ def random_patient(
             raise PhantomError("a protocol says kernel, thickness and spacing itself; give a protocol or these")
         thickness_mm, spacing_mm, kernel = plan.thickness_mm, plan.spacing_mm, plan.scanner.kernel
     generator = np.random.default_rng([seed, 20260101])
+    scene = _scene(
+        generator, seed, kind, as_made, covering, covered, touching, lifelike, count, decoys, dental, furniture
+    )
+    thickness = float(generator.choice([0.5, 0.6, 0.75, 1.0, 1.25])) if thickness_mm is None else thickness_mm
+    chosen = str(generator.choice(["soft", "standard", "bone"], p=[0.25, 0.6, 0.15])) if kernel is None else kernel
+    machine = Scanner(kernel=chosen, dose=dose) if plan is None else plan.scanner_at(dose)
+    stack = _stack(generator, scene, plan, thickness, spacing_mm or thickness, uneven, matrix, tilt_deg)
+    machine = machine.aimed(stack)
+    stack = replace(stack, field_radius_mm=machine.field_radius_mm)
+    if plan is None:
+        return Examination(scene, stack, machine, seed)
+    return Examination(scene, stack, machine, seed, plan.finish, plan.name)
+
+
+def _scene(
+    generator: np.random.Generator,
+    seed: int,
+    kind: str,
+    as_made: bool,
+    covering: str,
+    covered: float,
+    touching: int,
+    lifelike: bool,
+    count: int | None,
+    decoys: int | None,
+    dental: bool | None,
+    furniture: bool,
+) -> Scene:
+    """Return head, markers, decoys and what is about them, as they lie; what `random_patient` says is drawn.
+
+    Markers and the person have generators of their own: what is asked of either changes nothing else.
+    """
     size = generator.uniform(0.88, 1.05)
     count = int(generator.integers(3, 9)) if count is None else count
     decoys = int(generator.integers(2, 6)) if decoys is None else decoys
@@ -99,16 +131,7 @@ def random_patient(
     person = _person(np.random.default_rng([seed, 20260104]), feet, size, base, taller_mm) if lifelike else None
     body = [base, head(size), around] if person is None else [person.before, person.head, around, person.after]
     scene = join([*body, *markers, *others], f"random patient {seed}")
-    scene = scene.moved(_lie(generator), generator.uniform(-12, 12, 3))
-    thickness = float(generator.choice([0.5, 0.6, 0.75, 1.0, 1.25])) if thickness_mm is None else thickness_mm
-    chosen = str(generator.choice(["soft", "standard", "bone"], p=[0.25, 0.6, 0.15])) if kernel is None else kernel
-    machine = Scanner(kernel=chosen, dose=dose) if plan is None else plan.scanner_at(dose)
-    stack = _stack(generator, scene, plan, thickness, spacing_mm or thickness, uneven, matrix, tilt_deg)
-    machine = machine.aimed(stack)
-    stack = replace(stack, field_radius_mm=machine.field_radius_mm)
-    if plan is None:
-        return Examination(scene, stack, machine, seed)
-    return Examination(scene, stack, machine, seed, plan.finish, plan.name)
+    return scene.moved(_lie(generator), generator.uniform(-12, 12, 3))
 
 
 def _markers(
