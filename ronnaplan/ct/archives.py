@@ -13,7 +13,7 @@ from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from ronnaplan.ct.files import Blob, DamagedError, Skipped
+from ronnaplan.ct.files import Blob, DamagedError, Skipped, starts_with
 from ronnaplan.ct.limits import Limits
 from ronnaplan.errors import InputError
 from ronnaplan.portable import read_at, read_into
@@ -23,6 +23,7 @@ SIGNATURE = b"PK"
 """How zip archives start."""
 
 _ENCRYPTED = 0x1
+_METHODS = frozenset({zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA})
 _DAMAGE = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, RuntimeError, ValueError)
 _UNPACKED_IN_MEMORY_BYTES = 4 << 20
 """A single slice fits; larger members hold many frames, each of which would unpack all of them before it."""
@@ -139,10 +140,7 @@ def is_archive(path: Path) -> bool:
 
 def starts_as_archive(blob: Blob) -> bool:
     """Whether a file, on the disk or not, starts as zip archives do; False where it cannot be read."""
-    try:
-        return blob.read(0, len(SIGNATURE)) == SIGNATURE
-    except DamagedError:
-        return False
+    return starts_with(blob, SIGNATURE)
 
 
 def zip_members(
@@ -164,6 +162,9 @@ def zip_members(
             continue
         if info.flag_bits & _ENCRYPTED:
             skipped.append(Skipped(member.name, "it is encrypted", True))
+        elif info.compress_type not in _METHODS:  # Windows packs large folders by Deflate64, method 9
+            reason = f"it is packed by method {info.compress_type}, which is not read; unpack the archive first"
+            skipped.append(Skipped(member.name, reason, True))
         elif info.file_size > limits.file_bytes:
             skipped.append(Skipped(member.name, f"it declares {info.file_size} bytes, above the limit", True))
         elif info.file_size <= _UNPACKED_IN_MEMORY_BYTES:

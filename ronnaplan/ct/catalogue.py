@@ -12,13 +12,12 @@ from pathlib import Path
 from typing import Final
 
 from ronnaplan.ct import tags
-from ronnaplan.ct.archives import starts_as_archive
-from ronnaplan.ct.files import Blob, DamagedError, DiskFile, NotDicomError, Skipped, given_path
+from ronnaplan.ct.files import Blob, DamagedError, NotDicomError, Skipped, given_path
 from ronnaplan.ct.folders import blobs_below
 from ronnaplan.ct.frames import images_of, why_not_scan
 from ronnaplan.ct.header import read_header
-from ronnaplan.ct.images import is_image_file
 from ronnaplan.ct.limits import DEFAULT_LIMITS, Limits
+from ronnaplan.ct.no_dicom import is_failed_copy, why_no_dicom
 from ronnaplan.ct.progress import advancing
 from ronnaplan.ct.slices import CT_ONLY, CT_OR_MR, Instance, SliceImage, instance_from_header
 from ronnaplan.ct.stack import Stack, stacks_of
@@ -28,12 +27,6 @@ from ronnaplan.text import printable
 
 DICOMDIR_CLASS: Final = "1.2.840.10008.1.3.10"
 _SCANS: Final = frozenset[str]().union(*CT_OR_MR.values())
-_ENDINGS: Final = (".dcm", ".dcm.gz", ".dcm.part")
-"""How files are named that are images, were packed by themselves, or did not come whole."""
-_PACKED: Final = (".tar", ".tgz", ".gz", ".bz2", ".xz", ".zst", ".7z", ".rar")
-"""How files are named that hold others, and are not looked into."""
-_SEEN_BYTES: Final = 132
-"""Up to where each DICOM file says that it is one."""
 
 
 class SeveralSeriesError(InputError):
@@ -198,7 +191,7 @@ def read_instance(blob: Blob, limits: Limits, skipped: list[Skipped]) -> Instanc
     try:
         instance = instance_from_header(blob, read_header(blob, limits))
     except NotDicomError as error:
-        skipped.append(Skipped(blob.name, _why_no_dicom(blob) or str(error), is_failed_copy(blob)))
+        skipped.append(Skipped(blob.name, why_no_dicom(blob) or str(error), is_failed_copy(blob)))
     except DamagedError as error:
         skipped.append(Skipped(blob.name, str(error), True))
     else:
@@ -209,34 +202,6 @@ def read_instance(blob: Blob, limits: Limits, skipped: list[Skipped]) -> Instanc
         else:
             skipped.append(Skipped(blob.name, "it names no series, as if it were cut; copy it again", True))
     return None
-
-
-def is_failed_copy(blob: Blob) -> bool:
-    """Whether a file that is no DICOM file seems to have been an image: by its name, or as it is blank."""
-    return blob.name.lower().endswith(_ENDINGS) or _is_blank(blob)
-
-
-def _is_blank(blob: Blob) -> bool:
-    """Whether a file that is named as images are is empty, or begins with zeros alone, as a copy that failed does."""
-    name = Path(blob.name)
-    is_image = name.suffix.lower() in ("", ".ima") or name.suffix[1:].isdigit()
-    if not is_image or name.name.startswith("."):
-        return False
-    try:
-        return not blob.read(0, _SEEN_BYTES).strip(b"\0")
-    except DamagedError:  # a disk or a network that fails now
-        return True
-
-
-def _why_no_dicom(blob: Blob) -> str:
-    """Return what a file is that is no DICOM file, as far as its name tells; "" for any other."""
-    name = blob.name.lower()
-    is_zip = name.endswith(".zip")
-    if is_zip and not starts_as_archive(blob):
-        return "it is no zip archive in spite of its name; copy it again"
-    if isinstance(blob, DiskFile) and (is_zip or is_image_file(Path(blob.path))):
-        return "it is an image file or archive; name it by itself"
-    return "it is packed in a way that is not read; unpack it first" if is_zip or name.endswith(_PACKED) else ""
 
 
 def _parts(instances: list[Instance], kinds: Mapping[str, frozenset[str]]) -> list[Series]:

@@ -48,6 +48,14 @@ class Blob(Protocol):
         ...
 
 
+def starts_with(blob: Blob, signature: bytes) -> bool:
+    """Whether a file starts so; False where it cannot be read."""
+    try:
+        return blob.read(0, len(signature)) == signature
+    except DamagedError:
+        return False
+
+
 @dataclass(frozen=True, slots=True)
 class DiskFile:
     """A regular file; ``changed_ns`` is when it was last written (ns since 1970), as far as that was looked up."""

@@ -23,6 +23,8 @@ Encoding = Literal["raw", "gzip", "zlib", "bzip2"]
 
 AFFINE_TOLERANCE_MM: Final = 0.01
 """Two ways to place the same voxel may differ by this much (NIfTI keeps float32)."""
+UNEVEN_MM: Final = "ITK_non_uniform_sampling_deviation"
+"""Under this name ITK tells how far the slices of a series lie from the even grid that it made of them."""
 LARGEST_NUMBER: Final = 1e9
 """No place, size or scale of a scan is larger; squares and products of such numbers stay finite."""
 LONGEST_LINE: Final = 1 << 16
@@ -127,6 +129,16 @@ def scaled(slope: float, intercept: float) -> tuple[float, float]:
     if slope == 0.0:
         raise DamagedError("it scales its values by 0")
     return slope, intercept
+
+
+def refuse_uneven(text: str | None) -> None:
+    """Raise `DamagedError` if ``text``, the value of `UNEVEN_MM`, tells of slices that lie elsewhere."""
+    (apart_mm,) = decimals(text or "0", 1, UNEVEN_MM)
+    if apart_mm > AFFINE_TOLERANCE_MM:
+        raise DamagedError(
+            f"ITK made it of slices that are missing or unevenly spaced, off by up to {apart_mm:.3g} mm; use the "
+            "series itself"
+        )
 
 
 def beside(header: Path, name: str) -> Path:

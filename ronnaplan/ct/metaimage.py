@@ -10,6 +10,7 @@ import numpy as np
 
 from ronnaplan.ct.files import DamagedError
 from ronnaplan.ct.image_header import (
+    UNEVEN_MM,
     Encoding,
     ImageHeader,
     StoredVoxels,
@@ -18,6 +19,7 @@ from ronnaplan.ct.image_header import (
     field_name,
     header_lines,
     positive,
+    refuse_uneven,
     scaled,
     whole,
 )
@@ -83,6 +85,7 @@ def meta_header(path: Path, stream: BinaryIO, limits: Limits) -> ImageHeader:
     for name, wanted in _EXPECTED.items():
         if fields.get(name, wanted[0]) not in wanted:
             raise DamagedError(f"its {name} is '{printable(fields[name], 60)}', expected {wanted[0]}")
+    refuse_uneven(fields.get(UNEVEN_MM))
     columns, rows, count = whole(_given(fields, "DimSize"), 3, "DimSize")
     (slope,) = decimals(fields.get(SLOPE, "1"), 1, SLOPE)
     (offset,) = decimals(fields.get(OFFSET, "0"), 1, OFFSET)

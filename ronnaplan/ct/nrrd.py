@@ -10,6 +10,7 @@ import numpy as np
 
 from ronnaplan.ct.files import DamagedError
 from ronnaplan.ct.image_header import (
+    UNEVEN_MM,
     Encoding,
     ImageHeader,
     StoredVoxels,
@@ -17,6 +18,7 @@ from ronnaplan.ct.image_header import (
     decimals,
     field_name,
     header_lines,
+    refuse_uneven,
     whole,
 )
 from ronnaplan.ct.limits import Limits
@@ -89,6 +91,8 @@ _BESIDE_DIRECTIONS: Final = {
 }
 """Per-axis fields that the format forbids beside ``space directions``, as they would place the samples again -> values
 that do not."""
+_MODALITIES: Final = ("modality:=", "dicom_0008_0060_modality:=")
+"""Keys, in small letters, under which Slicer and dcm2niix tell what made an image."""
 _SPATIAL: Final = frozenset({"domain", "space", "none", "???"})
 """Kinds of an axis along which samples lie in space."""
 _HU: Final = frozenset({"", "hu", "hounsfield", "hounsfield unit", "hounsfield units"})
@@ -143,13 +147,15 @@ def _given(fields: dict[str, str], name: str) -> str:
 
 def _check_meaning(fields: dict[str, str]) -> None:
     """Refuse what says that the samples are no HU in millimetres."""
-    modality = fields.get("modality:=", "CT")
-    if modality.upper() != "CT":
-        raise DamagedError(f"its modality is {printable(modality, 60)}, not CT")
+    for key in _MODALITIES:
+        modality = fields.get(key, "CT")
+        if modality.upper() != "CT":
+            raise DamagedError(f"its modality is {printable(modality, 60)}, not CT")
+    refuse_uneven(fields.get(f"{UNEVEN_MM.lower()}:="))
     units = fields.get("space units", '"mm"' * 3)
     if not re.fullmatch(r'(\s*"mm"){3}\s*', units):
         raise DamagedError(f'its space units are {printable(units, 60)}, expected "mm" three times')
-    for name, harmless in _BESIDE_DIRECTIONS.items():
+    for name, harmless in _BESIDE_DIRECTIONS.items() if "space directions" in fields else ():
         if not harmless.issuperset(fields.get(name, "").lower().split()):
             raise DamagedError(f"it gives '{name}' beside its space directions, which the format forbids")
     values = fields.get("sample units", "").strip('" ')

@@ -24,6 +24,8 @@ _PLAIN_CHARSETS: Final = {
     "ISO_IR 144": "iso8859_5",
     "ISO_IR 13": "shift_jis",
 }
+_DECIMAL_STRINGS: Final = b"0123456789+-.eE \\"
+"""All that Decimal Strings may hold (PS3.5, 6.2), and what parts them; a control character may be a damaged digit."""
 _SEEN_BEFORE: Final = 256
 """So many texts are kept: the files of a series say most things alike."""
 
@@ -77,7 +79,7 @@ def numbers(elements: Elements, tag: int) -> Vector | None:
         values = tuple([float(part) for part in stripped.split(b"\\")])
     except ValueError:
         values = (math.nan,)
-    if not all(map(math.isfinite, values)) or b"_" in stripped:
+    if not all(map(math.isfinite, values)) or stripped.translate(None, _DECIMAL_STRINGS):
         shown = printable(stripped[:60].decode("ascii", "replace"))
         raise DamagedError(f"element {element_name(tag)} holds '{shown}', not numbers")
     return values

@@ -20,13 +20,13 @@ from pydicom.uid import UID
 
 from ronnaplan import __version__
 from ronnaplan.ct import tags
-from ronnaplan.ct.catalogue import is_failed_copy
 from ronnaplan.ct.derived import told_by_description
 from ronnaplan.ct.files import Blob, DamagedError, NotDicomError, Skipped, given_path
 from ronnaplan.ct.folders import blobs_below
 from ronnaplan.ct.header import read_header
 from ronnaplan.ct.kinds import CT_IMAGE, ENHANCED_CT, LEGACY_ENHANCED_CT
 from ronnaplan.ct.limits import DEFAULT_LIMITS
+from ronnaplan.ct.no_dicom import is_failed_copy
 from ronnaplan.ct.slices import instance_from_header
 from ronnaplan.documents.files import make_folder, write_atomically
 from ronnaplan.errors import InputError

@@ -41,6 +41,21 @@ def test_an_empty_file_with_the_name_of_an_image_is_flagged(tmp_path: Path) -> N
     assert read_ct(tmp_path).flags == (VolumeFlag.UNREADABLE_FILES,)
 
 
+def test_what_macos_keeps_beside_each_file_is_no_failed_copy(tmp_path: Path) -> None:
+    write_series(tmp_path)
+    beside = b"\0\x05\x16\x07\0\x02\0\0Mac OS X        " + bytes(4072)
+    for name in ("000", "004.dcm"):
+        (tmp_path / f"._{name}").write_bytes(beside)
+    assert read_ct(tmp_path).flags == ()
+
+
+@pytest.mark.parametrize("name", ["head.hdr", "head.IMG", "head.gipl", "head.vtk", "head.mgz"])
+def test_an_image_of_a_format_that_is_not_read_is_told_what_to_become(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(bytes(400))
+    with pytest.raises(InputError, match="in a format that is not read; convert it to NIfTI, NRRD or MetaImage"):
+        read_ct(tmp_path / name)
+
+
 def test_a_file_cut_anywhere_before_its_series_uid_is_flagged(tmp_path: Path) -> None:
     write_series(tmp_path)
     content = (tmp_path / "003").read_bytes()

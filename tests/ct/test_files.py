@@ -128,6 +128,16 @@ def test_an_encrypted_member_is_named(tmp_path: Path) -> None:
     assert find_series(tmp_path / "a.zip").skipped[0].reason == "it is encrypted"
 
 
+def test_a_member_packed_by_a_method_that_is_not_read_is_told(tmp_path: Path) -> None:
+    """Windows packs folders of more than 2 GB by Deflate64."""
+    content = zipped(write_series(tmp_path / "study"), tmp_path / "a.zip").read_bytes()
+    deflate, deflate64 = b"\x14\0\0\0\x08\0", b"\x14\0\0\0\x09\0"
+    assert content.count(deflate) == 2 * 4
+    (tmp_path / "a.zip").write_bytes(content.replace(deflate, deflate64))
+    with pytest.raises(InputError, match="packed by method 9, which is not read; unpack the archive first"):
+        read_ct(tmp_path / "a.zip")
+
+
 def test_links_in_circles_end_and_linked_files_count_once(tmp_path: Path) -> None:
     write_series(tmp_path / "a")
     (tmp_path / "a" / "loop").symlink_to(tmp_path)

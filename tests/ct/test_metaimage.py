@@ -20,6 +20,7 @@ LAST = b"ElementDataFile"
         (LAST, b"DistanceUnits = cm\n" + LAST, "its DistanceUnits is 'cm', expected mm"),
         (LAST, b"DistanceUnits = um\n" + LAST, "its DistanceUnits is 'um'"),
         (LAST, b"Modality = MET_MOD_MR\n" + LAST, "its Modality is 'MET_MOD_MR'"),
+        (LAST, b"ITK_non_uniform_sampling_deviation = 1.35714\n" + LAST, "off by up to 1.36 mm; use the series"),
         (LAST, b"Orientation = 0 1 0 1 0 0 0 0 1\n" + LAST, "two values for Orientation"),
         (LAST, b"Rotation = 0 1 0 1 0 0 0 0 1\n" + LAST, "two values for Rotation"),
         (LAST, b"Position = 0 0 0\n" + LAST, "two values for Position"),
@@ -73,6 +74,7 @@ def test_a_header_that_leaves_a_voxel_or_a_value_open_is_refused(
     [
         (LAST, b"DistanceUnits = mm\n" + LAST),
         (LAST, b"Modality = MET_MOD_CT\n" + LAST),
+        (LAST, b"ITK_non_uniform_sampling_deviation = 6.52174e-05\n" + LAST),
         (LAST, b"Position = -10  -20 30\n" + LAST),
         (LAST, b"Orientation = 1 0 0 0 1 0 0 0 1\n" + LAST),
         (LAST, b"HeaderSize = -1\n" + LAST),

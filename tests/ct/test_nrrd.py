@@ -44,6 +44,13 @@ def header_and_voxels(path: Path) -> tuple[bytes, bytes]:
         (b"kinds: domain domain domain", b"kinds: domain domain time", "'time', not places in space"),
         (b"kinds:", b"space dimension: 2\nkinds:", "its space has 2 dimensions"),
         (b"kinds:", b"modality:=DWMRI\nkinds:", "its modality is DWMRI, not CT"),
+        (b"kinds:", b"DICOM_0008_0060_Modality:=PT\nkinds:", "its modality is PT, not CT"),
+        (
+            b"kinds:",
+            b"ITK_non_uniform_sampling_deviation:=1.35714\nkinds:",
+            "unevenly spaced, off by up to 1.36 mm",
+        ),
+        (b"kinds:", b"ITK_non_uniform_sampling_deviation:=x\nkinds:", "expected 1 number"),
         (b"kinds:", b"modality: MR\nkinds:", "the field 'modality', which the format does not know"),
         (b"kinds:", b"space: RAS\nkinds:", "gives 'space' twice"),
         (b"kinds:", b"Dimension: 3\nkinds:", "gives 'dimension' twice"),
@@ -85,6 +92,8 @@ def test_a_header_that_leaves_a_voxel_or_a_value_open_is_refused(
         (b"kinds:", b'space units: "mm" "mm" "mm"\nkinds:'),
         (b"kinds:", b'sample units: "HU"\nkinds:'),
         (b"kinds:", b"modality:=CT\nkinds:"),
+        (b"kinds:", b"DICOM_0008_0060_Modality:=CT\nkinds:"),
+        (b"kinds:", b"ITK_non_uniform_sampling_deviation:=0.00521739\nkinds:"),
         (b"kinds:", b"# a comment: of any kind\nkinds:"),
         (b"kinds:", b"spacings: nan nan nan\nkinds:"),
         (b"type: short", b"TYPE: signed short int"),
@@ -156,3 +165,10 @@ def test_right_anterior_superior_nrrd_is_turned_to_lps(tmp_path: Path) -> None:
     path = write(tmp_path / "head.nrrd", direction=np.eye(3))
     path.write_bytes(path.read_bytes().replace(b"left-posterior-superior", b"right-anterior-superior"))
     assert np.allclose(read_ct(path).grid.positions_mm(np.array([0, 2, 1.0])), [10 - 0.75, 20 - 1.0, 30])
+
+
+def test_spacings_without_directions_leave_the_orientation_open(tmp_path: Path) -> None:
+    path = changed(tmp_path / "head.nrrd", b"space directions:", b"spacings: 1 1 1\n# no")
+    path.write_bytes(path.read_bytes().replace(b"space: left-posterior-superior\n", b""))
+    with pytest.raises(InputError, match="gives the space 'none'"):
+        read_ct(path)

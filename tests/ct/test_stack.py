@@ -357,6 +357,15 @@ def test_unusable_geometry_is_refused_by_name(tmp_path: Path, keyword: str, valu
         read_ct(tmp_path)
 
 
+def test_a_control_character_beside_a_number_is_no_blank(tmp_path: Path) -> None:
+    damaged = write_series(tmp_path) / "001"
+    content = damaged.read_bytes()
+    assert content.count(b"\\32.0") == 1
+    damaged.write_bytes(content.replace(b"\\32.0", b"\\\x0b2.0"))
+    with pytest.raises(InputError, match=r"1 of 4 files: element \(0020,0032\) holds .*, not numbers"):
+        read_ct(tmp_path)
+
+
 def test_two_localizers_that_do_not_say_so_are_no_volume(tmp_path: Path) -> None:
     write_series(tmp_path / "two", 2, placed([[0, 0, 0], [0, 0, 20]], ImageType=["ORIGINAL", "PRIMARY"]))
     with pytest.raises(InputError, match="2 slices only; a volume needs 3 or more"):
