@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import io
+from typing import Final
 
 from pydicom.dataset import Dataset, FileDataset
 from pydicom.uid import UID
 
-from ronnaplan.documents.dicom_spatial import begin_object
+from ronnaplan.documents.dicom_spatial import Kind, begin_object
 from ronnaplan.documents.fiducials import FiducialsDocument
 
-ENCAPSULATED_PDF = UID("1.2.840.10008.5.1.4.1.1.104.1")
-SECONDARY_CAPTURE = UID("1.2.840.10008.5.1.4.1.1.7")
+PDF: Final = Kind(UID("1.2.840.10008.5.1.4.1.1.104.1"), "DOC", 1504)
+PICTURE: Final = Kind(UID("1.2.840.10008.5.1.4.1.1.7"), "OT", 1505)
 
 
 def encapsulated_pdf(
     pdf: bytes, document: FiducialsDocument, patient: Dataset | None = None, *, title: str
 ) -> FileDataset:
     """Return the report ``pdf`` of ``document`` as a DICOM object; ``patient`` holds the modules to copy."""
-    made = begin_object(ENCAPSULATED_PDF, "DOC", document.source, f"pdf {document.model_dump_json()}", patient)
+    made = begin_object(PDF, document.source, f"pdf {document.model_dump_json()}", patient)
     _converted(made)
     del made.BodyPartExamined
     made.SeriesDescription = made.DocumentTitle = title
@@ -36,7 +37,7 @@ def secondary_capture(
 ) -> FileDataset:
     """Return the picture ``png`` of ``document`` as a DICOM object; ``patient`` holds the modules to copy."""
     rows, columns, pixels = _decoded(png)
-    made = begin_object(SECONDARY_CAPTURE, "OT", document.source, f"sheet {document.model_dump_json()}", patient)
+    made = begin_object(PICTURE, document.source, f"sheet {document.model_dump_json()}", patient)
     _converted(made)
     made.SeriesDescription = title
     made.BurnedInAnnotation = "NO"

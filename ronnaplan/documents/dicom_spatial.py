@@ -13,6 +13,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import chain, count
+from typing import Final, NamedTuple
 
 from pydicom.dataset import Dataset, FileDataset, FileMetaDataset
 from pydicom.uid import UID, ExplicitVRLittleEndian, generate_uid
@@ -26,6 +27,18 @@ from ronnaplan.geometry import FloatArray
 
 SPATIAL_REGISTRATION = UID("1.2.840.10008.5.1.4.1.1.66.1")
 SPATIAL_FIDUCIALS = UID("1.2.840.10008.5.1.4.1.1.66.2")
+
+
+class Kind(NamedTuple):
+    """A kind of object: its class and modality, and its series' number, by which archives and viewers list series."""
+
+    sop_class: UID
+    modality: str
+    series_number: int
+
+
+FIDUCIALS: Final = Kind(SPATIAL_FIDUCIALS, "FID", 1502)
+REGISTRATION: Final = Kind(SPATIAL_REGISTRATION, "REG", 1503)
 IDENTITY = (1.0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 1.0)
 UID_PATTERN = r"[0-9.]{1,64}"
 LONGEST_IDENTIFIER = 16
@@ -44,7 +57,7 @@ def spatial_fiducials(document: FiducialsDocument, patient: Dataset | None = Non
     frame = frame_uid(document.source)
     if not document.fiducials:
         raise InputError("the document holds no fiducials; a Spatial Fiducials object needs at least one")
-    dataset = begin_object(SPATIAL_FIDUCIALS, "FID", document.source, document.model_dump_json(), patient)
+    dataset = begin_object(FIDUCIALS, document.source, document.model_dump_json(), patient)
     dataset.SeriesDescription = f"{len(document.fiducials)} markers"
     dataset.ContentLabel = "MARKERS"
     dataset.ContentDescription = f"Spheres of {document.marker.diameter_mm:g} mm found by ronnaplan"
@@ -67,7 +80,7 @@ def spatial_registration(document: RegistrationDocument, patient: Dataset | None
     """
     transform = document.pose.matrix
     content = document.model_dump_json()
-    dataset = begin_object(SPATIAL_REGISTRATION, "REG", document.source, content, patient)
+    dataset = begin_object(REGISTRATION, document.source, content, patient)
     dataset.FrameOfReferenceUID = generate_uid(entropy_srcs=["tracker frame", content])
     dataset.PositionReferenceIndicator = None
     dataset.SeriesDescription = "CT to tracker"
@@ -98,21 +111,19 @@ def _checked_uid(text: str) -> str:
     return text
 
 
-def begin_object(
-    sop_class: UID, modality: str, source: Source, content: str, patient: Dataset | None
-) -> FileDataset:
+def begin_object(kind: Kind, source: Source, content: str, patient: Dataset | None) -> FileDataset:
     """Return an object with everything but its own module: patient, study, series, equipment, SOP.
 
     Its UIDs are made of ``content``, of which each kind of object needs its own.
     """
     content += "" if patient is None else str(patient)
-    uid = generate_uid(entropy_srcs=[sop_class, content])
+    uid = generate_uid(entropy_srcs=[kind.sop_class, content])
     meta = FileMetaDataset()
-    meta.MediaStorageSOPClassUID = sop_class
+    meta.MediaStorageSOPClassUID = kind.sop_class
     meta.MediaStorageSOPInstanceUID = uid
     meta.TransferSyntaxUID = ExplicitVRLittleEndian
     dataset = FileDataset("", {}, file_meta=meta, preamble=b"\0" * 128)
-    dataset.SOPClassUID, dataset.SOPInstanceUID = sop_class, uid
+    dataset.SOPClassUID, dataset.SOPInstanceUID = kind.sop_class, uid
     dataset.SpecificCharacterSet = "ISO_IR 192"
     for keyword in ("PatientName", "PatientID", "PatientBirthDate", "PatientSex", "StudyDate", "StudyTime"):
         setattr(dataset, keyword, None)
@@ -124,7 +135,7 @@ def begin_object(
         dataset.update(patient)
     dataset.SeriesInstanceUID = generate_uid(entropy_srcs=["series", content])
     dataset.BodyPartExamined = "HEAD"
-    dataset.Modality, dataset.SeriesNumber, dataset.InstanceNumber = modality, 1, 1
+    dataset.Modality, dataset.SeriesNumber, dataset.InstanceNumber = kind.modality, kind.series_number, 1
     dataset.Manufacturer, dataset.ManufacturerModelName = "ronnaplan", "ronnaplan"
     dataset.SoftwareVersions, dataset.DeviceSerialNumber = __version__, "none"
     now = datetime.datetime.now()

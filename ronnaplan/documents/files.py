@@ -114,6 +114,7 @@ def _locked(path: str | os.PathLike[str]) -> Iterator[Path]:
             finally:
                 _remove_hidden(Path(lock.lock_file))
     except Timeout as error:
+        _require_lock_file(target, Path(lock.lock_file))
         raise InputError(
             f"cannot write {target}: another program holds it since {LOCK_WAIT_S:.0f} s; "
             "end that program or let it finish, then try again"
@@ -121,6 +122,14 @@ def _locked(path: str | os.PathLike[str]) -> Iterator[Path]:
     except OSError as error:
         raise _unwritten(target, error) from error
     _clear_leftovers(target.parent)
+
+
+def _require_lock_file(target: Path, lock_file: Path) -> None:
+    """Raise `UnwrittenError` where no file can be made beside ``target``, for which a lock waits as for a writer."""
+    try:
+        lock_file.touch()
+    except OSError as error:
+        raise _unwritten(target, error) from error
 
 
 def _unwritten(path: str | os.PathLike[str], error: OSError) -> UnwrittenError:

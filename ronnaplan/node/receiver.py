@@ -7,7 +7,7 @@ keep it.
 from __future__ import annotations
 
 import socket
-from collections import defaultdict
+from collections import Counter, defaultdict
 from contextlib import suppress
 from typing import Any, Final
 
@@ -79,6 +79,7 @@ class Receiver:
         self._audit = Audit(config.data, config.audit, config.titles[0], log)
         self._store = Store(config.data, log, self._audit, config.limits.least_free_mib, config.keep_days)
         self._moved: dict[Any, dict[str, Instances]] = defaultdict(dict)
+        self._known: dict[Any, Counter[str]] = defaultdict(Counter)
         self._server: Server | None = None
 
     @property
@@ -196,10 +197,11 @@ class Receiver:
             return int(status)
         spool.keep()
         arrival = Arrival(facts, spool.path, calling, called)
-        status = self._store.take(arrival)
-        if status is Status.SUCCESS:
+        taken = self._store.take(arrival)
+        if taken.status is Status.SUCCESS:
             self._note(association, arrival)
-        return int(status)
+            self._known[association][facts.study_uid] += taken.was_known
+        return int(taken.status)
 
     def cut_off(self, association: Association) -> None:
         """Tell of a peer that sent half an instance."""
@@ -237,10 +239,15 @@ class Receiver:
             give_up_waiting(association)
         calling, called = titles(association)
         address = str(association.requestor.address)
+        known = self._known.pop(association, Counter())
         for moved in self._moved.pop(association, {}).values():
             self._log.tell(
                 "received", study=moved.study_uid, instances=len(moved.hashes), calling=calling, called=called
             )
+            if known[moved.study_uid]:
+                self._log.tell(
+                    "known already", study=moved.study_uid, instances=known[moved.study_uid], calling=calling
+                )
             self._audit.transferred(moved, source=calling, destination=self.config.titles[0], peer_address=address)
 
     def _aborted(self, event: evt.Event) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from highdicom.sr import (
@@ -23,7 +23,7 @@ from pydicom.sr.codedict import codes
 from pydicom.uid import Comprehensive3DSRStorage, generate_uid
 
 from ronnaplan import __version__
-from ronnaplan.documents.dicom_spatial import begin_object, frame_uid
+from ronnaplan.documents.dicom_spatial import Kind, begin_object, frame_uid
 from ronnaplan.documents.fiducials import FiducialEntry, FiducialsDocument, Source
 from ronnaplan.documents.plan import plan_text
 from ronnaplan.errors import InputError
@@ -33,15 +33,27 @@ SCHEME: Final = "99RONNAPLAN"
 """Designator of the codes that no public scheme has."""
 
 SQUARE_MILLIMETRE: Final = CodedConcept("mm2", "UCUM", "square millimeter")
-MARKERS: Final = CodedConcept("CT_MARKERS", SCHEME, "CT with spherical fiducial markers")
-PLANNED: Final = CodedConcept("CT_PLAN", SCHEME, "Planning of trajectories on a CT")
-"""What the reports are about."""
+
+
+class Subject(NamedTuple):
+    """What a report is about."""
+
+    kind: Kind
+    procedure: CodedConcept
+
+
+MARKERS: Final = Subject(
+    Kind(Comprehensive3DSRStorage, "SR", 1501),
+    CodedConcept("CT_MARKERS", SCHEME, "CT with spherical fiducial markers"),
+)
+PLANNED: Final = Subject(
+    Kind(Comprehensive3DSRStorage, "SR", 1506), CodedConcept("CT_PLAN", SCHEME, "Planning of trajectories on a CT")
+)
 
 IDENTITY: Final = ("SOPClassUID", "SOPInstanceUID", "StudyInstanceUID", "SeriesInstanceUID")
 """What is read of each image."""
 
 AXES: Final = "XYZ"
-SERIES_NUMBER: Final = 1501
 
 
 def structured_report(document: FiducialsDocument, patient: Dataset, images: list[Path]) -> FileDataset:
@@ -74,7 +86,7 @@ def planned_trajectories(plan: Plan, source: Source, patient: Dataset, images: l
 
 def _report(
     groups: list[MeasurementsAndQualitativeEvaluations],
-    procedure: CodedConcept,
+    subject: Subject,
     source: Source,
     content: str,
     patient: Dataset,
@@ -97,13 +109,12 @@ def _report(
                 observer_type=codes.DCM.Device, observer_identifying_attributes=device
             )
         ),
-        procedure_reported=procedure,
+        procedure_reported=subject.procedure,
         imaging_measurements=groups,
         title=codes.DCM.ImagingMeasurementReport,
     )
-    made = begin_object(Comprehensive3DSRStorage, "SR", source, f"sr {content}", patient)
+    made = begin_object(subject.kind, source, f"sr {content}", patient)
     del made.BodyPartExamined, made.ContentCreatorName  # of other modules
-    made.SeriesNumber = SERIES_NUMBER
     made.CompletionFlag, made.VerificationFlag, made.PreliminaryFlag = "COMPLETE", "UNVERIFIED", "FINAL"
     made.PerformedProcedureCodeSequence, made.ReferencedPerformedProcedureStepSequence = [], []
     made.CurrentRequestedProcedureEvidenceSequence = _evidence(images)

@@ -17,6 +17,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import IntEnum
 from pathlib import Path
+from typing import NamedTuple
 
 from ronnaplan.node.audit import Audit
 from ronnaplan.node.facts import Facts
@@ -44,6 +45,13 @@ class Status(IntEnum):
     NOT_UNDERSTOOD = 0xC000
 
 
+class Taken(NamedTuple):
+    """What became of an instance: what its sender is told, and whether it was there already."""
+
+    status: Status
+    was_known: bool = False
+
+
 @dataclass(frozen=True)
 class Arrival:
     """An instance that lies at ``path``, synced, in the folder for incoming ones, and who brought it."""
@@ -52,7 +60,7 @@ class Arrival:
     path: Path
     calling: str
     called: str
-    answer: Future[Status] = field(default_factory=Future)
+    answer: Future[Taken] = field(default_factory=Future)
 
 
 class Store:
@@ -90,7 +98,7 @@ class Store:
         if self._thread is not None:
             self._thread.join()
 
-    def take(self, arrival: Arrival) -> Status:
+    def take(self, arrival: Arrival) -> Taken:
         """Wait until ``arrival`` is safe, or refused."""
         self._waiting.put(arrival)
         while True:
@@ -115,8 +123,8 @@ class Store:
                     Exception
                 ) as error:  # a full disk, a locked or damaged index: told to every sender of the group
                     told = [self._refused(one, error) for one in arrivals]
-                for arrival, status in zip(arrivals, told, strict=True):
-                    arrival.answer.set_result(status)
+                for arrival, taken in zip(arrivals, told, strict=True):
+                    arrival.answer.set_result(taken)
                 if len(arrivals) < len(group):
                     return
                 self._remove_old(index, time.time())
@@ -129,13 +137,13 @@ class Store:
             except (OSError, sqlite3.Error) as error:  # tried again
                 self._log.tell("not removed", reason=str(error))
 
-    def _take_group(self, index: Index, arrivals: list[Arrival]) -> list[Status]:
-        """Make a group safe; returns what each sender is told."""
+    def _take_group(self, index: Index, arrivals: list[Arrival]) -> list[Taken]:
+        """Make a group safe; returns what became of each."""
         known = index.known([one.facts.sop_uid for one in arrivals])
         told, moves, entries = [], [], []
         for one in arrivals:
             sop_uid, sha256, place = one.facts.sop_uid, one.facts.sha256, self._place(one.facts)
-            is_new = sop_uid not in known
+            is_new, was_known = sop_uid not in known, False
             if is_new:
                 known[sop_uid] = sha256
                 entries.append((one, place))
@@ -144,11 +152,12 @@ class Store:
                 moves.append((one.path, self.folder / ASIDE / f"{sop_uid}.{sha256[:16]}.dcm"))
             elif place.is_file() or any(target == place for _, target in moves):
                 one.path.unlink()
-                self._log.tell("known already", sop_instance=sop_uid, calling=one.calling)
+                was_known = True
             else:  # somebody removed the file
                 moves.append((one.path, place))
                 self._log.tell("kept anew", sop_instance=sop_uid, calling=one.calling)
-            told.append(Status.SUCCESS if is_new or known[sop_uid] == sha256 else Status.DUPLICATE)
+            status = Status.SUCCESS if is_new or known[sop_uid] == sha256 else Status.DUPLICATE
+            told.append(Taken(status, was_known))
         now = time.time()
         try:
             self._move(moves)
@@ -156,8 +165,8 @@ class Store:
                 for one, place in entries:
                     path = place.relative_to(self.folder).as_posix()
                     index.add(one.facts, path, one.calling, one.called, now)
-                for one, status in zip(arrivals, told, strict=True):
-                    if status is Status.DUPLICATE:
+                for one, taken in zip(arrivals, told, strict=True):
+                    if taken.status is Status.DUPLICATE:
                         self._keep_aside(index, one, now)
         except BaseException:
             for _, place in entries:  # no row names it: it may not stay
@@ -199,10 +208,10 @@ class Store:
             file=name,
         )
 
-    def _refused(self, one: Arrival, reason: object) -> Status:
+    def _refused(self, one: Arrival, reason: object) -> Taken:
         one.path.unlink(missing_ok=True)
         self._log.tell("refused", status="A700", reason=f"cannot be kept: {reason}", calling=one.calling)
-        return Status.NO_ROOM
+        return Taken(Status.NO_ROOM)
 
     def _clear_unacknowledged(self) -> None:
         """Remove files that are not in the index: their senders were told nothing, and will send them again."""

@@ -150,6 +150,15 @@ def test_a_writer_that_never_ends_is_not_waited_for_forever(
     assert path.read_text() == "1"
 
 
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="the system has no folder in which nobody makes files")
+def test_a_place_where_no_file_can_be_made_is_not_held_by_a_program(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(files, "LOCK_WAIT_S", 0.05)
+    with pytest.raises(
+        UnwrittenError, match=r"cannot write /proc/out.json: .*; (choose another place|make that place)"
+    ):
+        write_atomically("/proc/out.json", "1")
+
+
 def test_content_is_on_the_disk_before_its_name_and_the_name_before_the_answer(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -6,7 +6,7 @@ import json
 
 from pydicom import dcmread
 
-from ronnaplan.documents.dicom_spatial import SPATIAL_FIDUCIALS, begin_object, dicom_bytes
+from ronnaplan.documents.dicom_spatial import FIDUCIALS, begin_object, dicom_bytes
 from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.files import make_folder, write_atomically
 from ronnaplan.jobs.processes import end_with_parent
@@ -19,7 +19,7 @@ def obey(line: str) -> None:
         images = [dcmread(path) for path in sorted(order.folder.glob("*.dcm"))]
         content = " ".join(str(one.SOPInstanceUID) for one in images)
         source = Source(study_instance_uid=str(images[0].StudyInstanceUID))
-        made = begin_object(SPATIAL_FIDUCIALS, "FID", source, content, None)
+        made = begin_object(FIDUCIALS, source, content, None)
         made.ContentDescription = str(images[0].SeriesInstanceUID)
         path = make_folder(order.output) / f"{made.SOPInstanceUID}.dcm"
         write_atomically(path, dicom_bytes(made))

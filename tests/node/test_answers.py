@@ -146,6 +146,12 @@ def test_the_report_states_the_covariance_of_each_center(answered: tuple[Running
     assert float(fiducial.ContourUncertaintyRadius) == pytest.approx(np.sqrt(np.trace(matrix)), rel=1e-3)
 
 
+@needs("storescu")
+def test_each_answer_is_listed_under_a_number_of_its_own(answered: tuple[Running, Orthanc]) -> None:
+    made = objects(answered[1]).values()
+    assert len({one.SeriesNumber for one in made}) == len(made)
+
+
 @needs("storescu", "dciodvfy", "dsrdump")
 def test_validators_find_no_error(answered: tuple[Running, Orthanc], tmp_path: Path) -> None:
     for kind, made in objects(answered[1]).items():

@@ -9,14 +9,21 @@ from highdicom.sr import Comprehensive3DSR
 from pydicom.dataset import Dataset
 
 from ronnaplan.ct.volume import SeriesSource
+from ronnaplan.documents.dicom_enclosed import PDF, PICTURE
+from ronnaplan.documents.dicom_spatial import FIDUCIALS, REGISTRATION
 from ronnaplan.documents.fiducials import Source, fiducials_document
 from ronnaplan.documents.patient import PATIENT, STUDY, patient_of_scan
 from ronnaplan.errors import InputError
 from ronnaplan.jobs.localizing import warm_up
-from ronnaplan.node.sr import planned_trajectories, structured_report
+from ronnaplan.node.sr import MARKERS, PLANNED, planned_trajectories, structured_report
 from ronnaplan.planning import Plan
 from tests.ct import makers
 from tests.node.peers import save
+
+
+def test_no_two_kinds_of_objects_have_one_series_number() -> None:
+    kinds = (FIDUCIALS, REGISTRATION, PDF, PICTURE, MARKERS.kind, PLANNED.kind)
+    assert len({kind.series_number for kind in kinds}) == len(kinds)
 
 
 def reported(folder: Path, *without: str) -> Dataset:

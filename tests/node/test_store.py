@@ -18,7 +18,7 @@ from ronnaplan.node import store as store_module
 from ronnaplan.node.index import Index
 from ronnaplan.node.spool import Spool
 from tests.ct import makers
-from tests.node.peers import Listening, instance, listening, needs, save, send
+from tests.node.peers import Listening, instance, listening, needs, save, send, until
 
 pytestmark = needs("storescu", "echoscu")
 
@@ -48,7 +48,16 @@ def test_the_same_instance_twice_is_kept_once_in_whatever_meta_part(node: Listen
     path = instance(tmp_path)
     assert (send(node.port, path) + send(node.port, path)).count("(Success)") == 2
     assert node.rows("SELECT instances, revision FROM series") == [(1, 1)]
-    assert len(node.events("known already")) == 1
+
+
+def test_instances_that_are_sent_again_are_told_in_one_line(node: Listening, tmp_path: Path) -> None:
+    paths = [instance(tmp_path, k) for k in range(3)]
+    send(node.port, *paths)
+    send(node.port, *paths, instance(tmp_path, 3))
+    until(lambda: len(node.events("received")) == 2 and node.events("known already"))
+    (told,) = node.events("known already")
+    assert (told["study"], told["instances"]) == (makers.STUDY, 3)
+    assert sorted(one["instances"] for one in node.events("received")) == [3, 4]
 
 
 def test_an_instance_whose_file_was_removed_is_kept_anew_when_it_comes_again(
