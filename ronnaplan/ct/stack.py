@@ -235,6 +235,7 @@ def _flags(slices: tuple[SliceImage, ...], grid: SliceGrid) -> list[VolumeFlag]:
         VolumeFlag.LOSSY: any(image.instance.is_lossy for image in slices),
         VolumeFlag.UNEVEN_SPACING: not grid.is_evenly_spaced,
         VolumeFlag.MISSING_SLICE: bool(missing.any()),
+        VolumeFlag.SAME_INSTANCE: _share_uid(slices),
         VolumeFlag.OVERLAPPING: bool((filled > (1.0 + THICKNESS_TOLERANCE) * gaps).any()),
         VolumeFlag.TILT_CONTRADICTS: any(contradict),
         VolumeFlag.SHEARED: not tags and grid.is_sheared,
@@ -247,6 +248,13 @@ def _flags(slices: tuple[SliceImage, ...], grid: SliceGrid) -> list[VolumeFlag]:
         VolumeFlag.NO_FRAME_OF_REFERENCE: slices[0].instance.frame_of_reference_uid is None,
     }
     return [flag for flag, holds in doubts.items() if holds]
+
+
+def _share_uid(slices: tuple[SliceImage, ...]) -> bool:
+    """Whether two files say that they are one instance; one file may hold many slices."""
+    files = {image.instance.blob.name: image.instance.sop_uid for image in slices}
+    uids = [uid for uid in files.values() if uid]
+    return len(set(uids)) < len(uids)
 
 
 def _filled_mm(slices: tuple[SliceImage, ...]) -> FloatArray:

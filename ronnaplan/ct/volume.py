@@ -33,6 +33,7 @@ class VolumeFlag(StrEnum):
     UNEVEN_SPACING = "the slices are not evenly spaced"
     MISSING_SLICE = "one or more slices are missing"
     DUPLICATES_DROPPED = "identical copies of a slice were dropped"
+    SAME_INSTANCE = "different images bear one SOP Instance UID, so that archives keep one of them only"
     OVERLAPPING = "the slices overlap"
     TILT_CONTRADICTS = "the gantry tilt tag contradicts the slice positions"
     SHIFTED_SIDEWAYS = "slices are shifted sideways against each other"

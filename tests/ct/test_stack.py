@@ -185,6 +185,14 @@ def test_identical_copies_are_dropped_with_a_flag(tmp_path: Path) -> None:
     assert volume.flags == (VolumeFlag.DUPLICATES_DROPPED,)
 
 
+def test_different_images_of_one_instance_uid_are_flagged(tmp_path: Path) -> None:
+    def change(made: Dataset, k: int) -> None:
+        if k > 1:
+            made.SOPInstanceUID = made.file_meta.MediaStorageSOPInstanceUID = "1.2.3.4"
+
+    assert read_ct(write_series(tmp_path, change=change)).flags == (VolumeFlag.SAME_INSTANCE,)
+
+
 def test_different_images_at_one_place_are_refused(tmp_path: Path) -> None:
     write_series(tmp_path, change=placed([[0, 0, 0], [0, 0, 2], [0, 0, 2], [0, 0, 4]]))
     with pytest.raises(InputError, match=r"different images lie at the same place \(.*001 and .*002\)"):
