@@ -51,6 +51,11 @@ KEPT: Final = _names(
     TemporalPositionIndex StackID InStackPositionNumber FrameLaterality InConcatenationNumber
     InConcatenationTotalNumber ConcatenationFrameOffsetNumber DimensionIndexValues DimensionIndexPointer
     FunctionalGroupPointer DimensionOrganizationType FrameAcquisitionNumber FrameType PresentationLUTShape
+    AcquisitionDuration FrameAcquisitionDuration ContentQualification MultienergyCTAcquisition AcquisitionType
+    TubeAngle ConstantVolumeFlag FluoroscopyFlag TablePosition DataCollectionCenterPatient
+    ReconstructionTargetCenterPatient DistanceSourceToDataCollectionCenter ConvolutionKernelGroup
+    ReconstructionFieldOfView ReconstructionPixelSpacing ReconstructionAngle ImageFilter ExposureTimeInms
+    XRayTubeCurrentInmA ExposureInmAs ExposureModulationType EstimatedDoseSaving CTDIvol FilterMaterial
     PixelPresentation VolumetricProperties VolumeBasedCalculationTechnique ReconstructionAlgorithm
     SamplesPerPixel PhotometricInterpretation PlanarConfiguration NumberOfFrames Rows Columns PixelSpacing
     PixelAspectRatio BitsAllocated BitsStored HighBit PixelRepresentation SmallestImagePixelValue
@@ -69,7 +74,9 @@ ENTERED: Final = _names(
     CTImageFrameTypeSequence CTReconstructionSequence CTXRayDetailsSequence ModalityLUTSequence
     FrameVOILUTSequence DimensionOrganizationSequence DimensionIndexSequence FiducialSetSequence
     FiducialSequence RegistrationSequence MatrixRegistrationSequence MatrixSequence FrameAnatomySequence
-    AnatomicRegionSequence RegistrationTypeCodeSequence
+    AnatomicRegionSequence RegistrationTypeCodeSequence IrradiationEventIdentificationSequence
+    CTAcquisitionTypeSequence CTAcquisitionDetailsSequence CTTableDynamicsSequence CTPositionSequence
+    CTGeometrySequence CTExposureSequence CTDIPhantomTypeCodeSequence
     """
 )
 """Sequences whose items are treated likewise."""
@@ -83,7 +90,7 @@ REPLACED: Final = _names(
     """
     SOPInstanceUID StudyInstanceUID SeriesInstanceUID FrameOfReferenceUID ReferencedSOPInstanceUID
     DimensionOrganizationUID ConcatenationUID SOPInstanceUIDOfConcatenationSource FiducialUID
-    ReferencedFrameOfReferenceUID
+    ReferencedFrameOfReferenceUID IrradiationEventUID
     """
 )
 """UIDs that get a new one."""
@@ -94,7 +101,7 @@ EMPTY: Final = (
 )
 """What every object must have and here has nothing in."""
 
-CONTENT: Final = ("ContentDescription", "ContentCreatorName", "Manufacturer", "AcquisitionContextSequence")
+CONTENT: Final = ("ContentDescription", "ContentCreatorName", "AcquisitionContextSequence")
 """What an object that had it must have, with nothing in it."""
 
 DUMMIES: Final = {
@@ -103,7 +110,8 @@ DUMMIES: Final = {
     "AcquisitionDateTime": "19000101000000",
     "FrameAcquisitionDateTime": "19000101000000",
     "FrameReferenceDateTime": "19000101000000",
-    "ContentLabel": "DEIDENTIFIED",
+    **dict.fromkeys(("Manufacturer", "ManufacturerModelName", "DeviceSerialNumber"), "DEIDENTIFIED"),
+    **dict.fromkeys(("SoftwareVersions", "ContentLabel"), "DEIDENTIFIED"),
     "FiducialIdentifier": "F",
 }
 """What an object that had it must have, with something in it: this, and fiducials are numbered."""

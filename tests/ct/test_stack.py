@@ -188,7 +188,7 @@ def test_identical_copies_are_dropped_with_a_flag(tmp_path: Path) -> None:
 def test_different_images_of_one_instance_uid_are_flagged(tmp_path: Path) -> None:
     def change(made: Dataset, k: int) -> None:
         if k > 1:
-            made.SOPInstanceUID = made.file_meta.MediaStorageSOPInstanceUID = "1.2.3.4"
+            made.SOPInstanceUID = "1.2.3.4"
 
     assert read_ct(write_series(tmp_path, change=change)).flags == (VolumeFlag.SAME_INSTANCE,)
 

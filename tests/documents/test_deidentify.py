@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pydicom.data
@@ -31,6 +32,13 @@ INDEX = Path(pydicom.data.__file__).parent / "test_files" / "dicomdirtests" / "D
 LISTS = ("D_TAGS", "Z_TAGS", "X_TAGS", "Z_D_TAGS", "X_Z_TAGS", "X_D_TAGS", "X_Z_D_TAGS", "X_Z_U_STAR_TAGS")
 LISTED = {tuple(tag) for name in LISTS for tag in getattr(independent, name) if len(tag) == 2}
 LISTED_UIDS = {tuple(tag) for tag in independent.U_TAGS if len(tag) == 2}
+
+
+def _item(values: dict[str, Any]) -> Dataset:
+    made = Dataset()
+    for keyword, value in values.items():
+        setattr(made, keyword, value)
+    return made
 
 
 def numbers(keywords: object) -> set[tuple[int, int]]:
@@ -242,6 +250,97 @@ def test_what_was_valid_stays_valid(tmp_path: Path) -> None:
         content = after.read_bytes()
         assert b"SECRET" not in content
         assert b"19700131" not in content
+
+
+@pytest.mark.skipif(shutil.which("dciodvfy") is None, reason="dciodvfy is not installed (see .ci/run)")
+def test_an_enhanced_ct_as_its_scanner_made_it_stays_valid(tmp_path: Path) -> None:
+    before, after = tmp_path / "in" / "before.dcm", tmp_path / "out" / "00001.dcm"
+    before.parent.mkdir()
+    as_its_scanner_made_it(3).save_as(before, enforce_file_format=True)
+    assert errors(before) == set()
+    deidentify(before.parent, after.parent, SECRET)
+    assert errors(after) == set()
+    assert b"SECRET" not in after.read_bytes()
+    kept = dcmread(after).SharedFunctionalGroupsSequence[0]
+    assert kept.CTExposureSequence[0].ExposureInmAs == 100.0
+    assert kept.IrradiationEventIdentificationSequence[0].IrradiationEventUID != "1.2.3.88"
+
+
+ORIGINAL = ["ORIGINAL", "PRIMARY", "VOLUME", "NONE"]
+HEAD = {"CodeValue": "69536005", "CodingSchemeDesignator": "SCT", "CodeMeaning": "Head"}
+DOSE_PHANTOM = {
+    "CodeValue": "113690",
+    "CodingSchemeDesignator": "DCM",
+    "CodeMeaning": "IEC Head Dosimetry Phantom",
+}
+IMAGE = {
+    **dict.fromkeys(("StudyDate", "StudyTime", "AccessionNumber", "ReferringPhysicianName", "StudyID"), ""),
+    **dict.fromkeys(("PatientID", "PatientBirthDate", "PatientSex", "PositionReferenceIndicator"), ""),
+    **dict.fromkeys(("Manufacturer", "ManufacturerModelName", "DeviceSerialNumber", "SoftwareVersions"), "SECRET"),
+    **{"ImageType": ORIGINAL, "SeriesNumber": 1, "PatientPosition": "HFS", "AcquisitionContextSequence": []},
+    **{"ContentDate": "19700131", "ContentTime": "010101", "AcquisitionDateTime": "19700131010101"},
+    **{"AcquisitionDuration": 5.0, "ContentQualification": "RESEARCH", "LossyImageCompression": "00"},
+    **{"BurnedInAnnotation": "NO", "PresentationLUTShape": "IDENTITY", "MultienergyCTAcquisition": "NO"},
+}
+FRAME_TYPE = {
+    **{"PixelPresentation": "MONOCHROME", "VolumetricProperties": "VOLUME"},
+    "VolumeBasedCalculationTechnique": "NONE",
+}
+MACROS: dict[str, dict[str, Any]] = {
+    "FrameAnatomySequence": {"AnatomicRegionSequence": [_item(HEAD)], "FrameLaterality": "U"},
+    "FrameVOILUTSequence": {"WindowCenter": 40, "WindowWidth": 400},
+    "CTImageFrameTypeSequence": {"FrameType": ORIGINAL, **FRAME_TYPE},
+    "IrradiationEventIdentificationSequence": {"IrradiationEventUID": "1.2.3.88"},
+    "CTAcquisitionTypeSequence": {
+        **{"AcquisitionType": "SPIRAL", "ConstantVolumeFlag": "NO", "FluoroscopyFlag": "NO"},
+    },
+    "CTAcquisitionDetailsSequence": {
+        **{"RotationDirection": "CW", "RevolutionTime": 0.5, "SingleCollimationWidth": 0.6},
+        **{"TotalCollimationWidth": 38.4, "TableHeight": 150.0, "GantryDetectorTilt": 0.0},
+        "DataCollectionDiameter": 500.0,
+    },
+    "CTTableDynamicsSequence": {"TableSpeed": 38.4, "TableFeedPerRotation": 19.2, "SpiralPitchFactor": 0.5},
+    "CTPositionSequence": {
+        **{"TablePosition": 1.0, "DataCollectionCenterPatient": [0.0, 0.0, 1.0]},
+        "ReconstructionTargetCenterPatient": [0.0, 0.0, 1.0],
+    },
+    "CTGeometrySequence": {"DistanceSourceToDetector": 1e3, "DistanceSourceToDataCollectionCenter": 570.0},
+    "CTReconstructionSequence": {
+        **{"ReconstructionAlgorithm": "FILTER_BACK_PROJ", "ConvolutionKernel": "H30"},
+        **{"ConvolutionKernelGroup": "BRAIN", "ReconstructionDiameter": 250.0, "ReconstructionAngle": 360.0},
+        **{"ReconstructionPixelSpacing": [0.5, 0.75], "ImageFilter": "NONE"},
+    },
+    "CTExposureSequence": {
+        **{"ExposureTimeInms": 500.0, "XRayTubeCurrentInmA": 200.0, "ExposureInmAs": 100.0, "CTDIvol": 30.0},
+        **{"ExposureModulationType": ["NONE"], "CTDIPhantomTypeCodeSequence": [_item(DOSE_PHANTOM)]},
+    },
+    "CTXRayDetailsSequence": {
+        **{"KVP": 120, "FocalSpots": 1.2, "FilterType": "FLAT", "FilterMaterial": ["ALUMINUM"]},
+    },
+}
+"""What a scanner tells of how it made an image (PS3.3, C.8.15.3)."""
+
+
+def as_its_scanner_made_it(count: int) -> Dataset:
+    """Return an enhanced CT with all that the standard requires of an original one."""
+    made = makers.enhanced(count)
+    del made.ConvolutionKernel
+    for keyword, value in {**IMAGE, **FRAME_TYPE}.items():
+        setattr(made, keyword, value)
+    organization = {"DimensionOrganizationUID": "1.2.3.77"}
+    made.DimensionOrganizationSequence = [_item(organization)]
+    made.DimensionIndexSequence = [
+        _item({**organization, "DimensionIndexPointer": pointer, "FunctionalGroupPointer": 0x00209111})
+        for pointer in (0x00209056, 0x00209057)
+    ]
+    for keyword, values in MACROS.items():
+        setattr(made.SharedFunctionalGroupsSequence[0], keyword, [_item(values)])
+    for k, groups in enumerate(made.PerFrameFunctionalGroupsSequence):
+        content = groups.FrameContentSequence[0]
+        content.FrameReferenceDateTime = content.FrameAcquisitionDateTime = "19700131010101"
+        content.DimensionIndexValues, content.FrameAcquisitionDuration = [1, k + 1], 500.0
+        content.FrameAcquisitionNumber = 1
+    return made
 
 
 def converted(count: int) -> Dataset:
