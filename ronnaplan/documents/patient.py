@@ -28,6 +28,9 @@ STUDY = (
     "StudyDescription",
 )
 """The General Study Module (C.7.2.1) but for its sequences."""
+_TOO_LONG = "The (value|PN component) length .* exceeds the maximum"
+"""What pydicom warns of where a text is longer than the standard lets it be, as many hospitals' accession numbers are:
+it is copied, as it is by this that an archive tells the study."""
 
 
 def patient_of_scan(path: str | os.PathLike[str], source: Source) -> Dataset:
@@ -89,6 +92,7 @@ def _modules(instance: Instance) -> Dataset:
     copied = Dataset()
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # pydicom warns of values that are none, and keeps them
+        warnings.filterwarnings("ignore", _TOO_LONG)
         try:
             given = dcmread(
                 io.BytesIO(content), force=True, stop_before_pixels=True, specific_tags=[*PATIENT, *STUDY]
@@ -99,7 +103,8 @@ def _modules(instance: Instance) -> Dataset:
                     value = given.get(keyword)
                     setattr(copied, keyword, None if value is None else str(value))
         except Exception as error:  # pydicom raises many kinds for a damaged header
+            reason = printable(str(error).partition("\n")[0])  # it goes on with a traceback
             raise InputError(
-                f"{name} has a patient or study that cannot be copied ({printable(error)}); leave out --ct"
+                f"{name} has a patient or study that cannot be copied ({reason}); leave out --ct"
             ) from error
     return copied

@@ -111,8 +111,35 @@ def test_a_value_that_dicom_does_not_know_is_not_copied(tmp_path: Path) -> None:
     ct = makers.write_series(tmp_path / "ct", change=identify)
     for file in ct.iterdir():
         file.write_bytes(file.read_bytes().replace(b"19700131", b"31011970"))
-    with pytest.raises(InputError, match="cannot be copied"):
+    with pytest.raises(
+        InputError, match=r"cannot be copied \(Invalid value for VR DA: '31011970'\.?\); leave out --ct"
+    ):
         exported(document(tmp_path, "fiducials"), ct)
+
+
+@pytest.mark.filterwarnings("ignore:The .* length:UserWarning")
+def test_names_and_numbers_that_are_too_long_are_copied_as_they_stand(tmp_path: Path) -> None:
+    number, name = "2026010210111200047", "Müller" * 11
+
+    def long(made: Dataset, k: int) -> None:
+        identify(made, k)
+        made.AccessionNumber = made.StudyID = number
+        made.PatientName = name
+
+    made = exported(document(tmp_path, "fiducials"), makers.write_series(tmp_path / "ct", change=long))
+    assert (made.AccessionNumber, made.StudyID, str(made.PatientName)) == (number, number, name)
+
+
+def test_a_text_of_another_alphabet_than_it_says_is_told_in_a_sentence(tmp_path: Path) -> None:
+    ct = makers.write_series(tmp_path / "ct", change=identify)
+    for file in ct.iterdir():
+        content = file.read_bytes()
+        assert b"ISO_IR 100" in content
+        file.write_bytes(content.replace(b"ISO_IR 100", b"ISO_IR 192"))
+    with pytest.raises(InputError) as refused:
+        exported(document(tmp_path, "fiducials"), ct)
+    assert "Failed to decode" in str(refused.value)
+    assert "Traceback" not in str(refused.value)
 
 
 def test_only_dicom_names_a_patient_and_an_unknown_format_is_wrong_usage(ct: Path, tmp_path: Path) -> None:
