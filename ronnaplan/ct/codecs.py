@@ -130,7 +130,8 @@ def _decode_with_pydicom(frame: bytes, pixels: PixelFormat) -> Stored:
             **_options(pixels),
         )
     except Exception as error:  # each decoder raises its own kinds
-        raise InputError(f"{printable(error)}; export it uncompressed") from error
+        reason = str(error).rpartition("\n")[2].strip()  # which decoders failed stands above
+        raise InputError(f"{printable(reason)}; export it uncompressed") from error
     shaped: Stored = decoded.reshape(expected[: 3 if pixels.samples > 1 else 2])
     return shaped
 

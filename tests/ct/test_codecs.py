@@ -148,6 +148,16 @@ def test_a_compressed_image_cut_short_is_refused(tmp_path: Path, syntax: str) ->
         read_ct(tmp_path)
 
 
+def test_a_stream_that_ends_early_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    series(tmp_path, JPEG_2000, signed=False)
+    made = pydicom.dcmread(tmp_path / "1")
+    frame = next(generate_frames(made.PixelData, number_of_frames=1))
+    made.PixelData = encapsulate([frame[: len(frame) * 3 // 4]])
+    made.save_as(tmp_path / "1", enforce_file_format=True)
+    with pytest.raises(InputError, match="/1 cannot be decoded: pylibjpeg: Error decoding the J2K data"):
+        read_ct(tmp_path)
+
+
 @pytest.mark.parametrize("syntax", [JPEG_57, JPEG_70, JPEG_LS, JPEG_2000])
 def test_a_stream_that_declares_another_size_is_refused_before_it_is_decoded(tmp_path: Path, syntax: str) -> None:
     series(tmp_path, syntax, signed=False)
