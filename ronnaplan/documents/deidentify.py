@@ -181,6 +181,7 @@ def _deidentified_bytes(blob: Blob, secret: bytes) -> bytes:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of odd values: most of them go
             given = dcmread(io.BytesIO(blob.read(0, blob.size)), force=True)
+            given.file_meta.TransferSyntaxUID = UID(read_header(blob, DEFAULT_LIMITS).transfer_syntax)
             file = io.BytesIO()
             deidentified(given, secret).save_as(file, enforce_file_format=True)
             return file.getvalue()
@@ -196,6 +197,8 @@ def deidentified(given: Dataset, secret: bytes) -> Dataset:
         raise InputError(
             f"it is of class {printable(given.get('SOPClassUID'))}; only CT and what was found in it is taken"
         )
+    if not given.get("SOPInstanceUID"):
+        raise InputError("it has no SOP Instance UID, by which a DICOM file is told from others; leave it out")
     if (given.get("BurnedInAnnotation") or "NO") != "NO":
         raise InputError("its pixels are said to show annotations, which may name the patient; leave it out")
     kept = _kept(given, secret)

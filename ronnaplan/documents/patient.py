@@ -105,6 +105,7 @@ def _modules(instance: Instance) -> Dataset:
         except Exception as error:  # pydicom raises many kinds for a damaged header
             reason = printable(str(error).partition("\n")[0])  # it goes on with a traceback
             raise InputError(
-                f"{name} has a patient or study that cannot be copied ({reason}); leave out --ct"
+                f"{name} has a patient or study that cannot be copied ({reason}); correct its header, or "
+                "leave out --ct"
             ) from error
     return copied

@@ -11,7 +11,7 @@ import numpy as np
 import pydicom.data
 import pytest
 from dicomanonymizer.dicom_anonymization_databases import dicomfields_2026c as independent
-from pydicom import dcmread
+from pydicom import dcmread, dcmwrite
 from pydicom.datadict import tag_for_keyword
 from pydicom.dataset import Dataset
 from pydicom.sequence import Sequence
@@ -121,7 +121,11 @@ def test_the_image_is_the_same_and_its_files_still_belong_together(scan: Path, t
 
 def test_what_may_show_a_name_or_is_not_known_is_refused(tmp_path: Path) -> None:
     for number, (keyword, value, says) in enumerate(
-        [("BurnedInAnnotation", "YES", "annotations"), ("SOPClassUID", "1.2.840.10008.5.1.4.1.1.7", "only CT")]
+        [
+            ("BurnedInAnnotation", "YES", "annotations"),
+            ("SOPClassUID", "1.2.840.10008.5.1.4.1.1.7", "only CT"),
+            ("SOPInstanceUID", "", "no SOP Instance UID"),
+        ]
     ):
         folder = tmp_path / str(number)
         folder.mkdir()
@@ -173,6 +177,17 @@ def test_values_that_end_beyond_their_words_are_refused(tmp_path: Path) -> None:
     makers.save(made, tmp_path / "in/file")
     with pytest.raises(InputError, match="12 bits cannot end at bit 40"):
         deidentify(tmp_path / "in", tmp_path / "out", SECRET)
+
+
+@pytest.mark.parametrize("is_implicit", [False, True])
+def test_files_without_meta_information_are_taken_as_they_are_read(is_implicit: bool, tmp_path: Path) -> None:
+    source = tmp_path / "in"
+    source.mkdir()
+    for k in range(3):
+        bare = Dataset(makers.dataset(k))
+        dcmwrite(source / f"{k}", bare, implicit_vr=is_implicit, little_endian=True)
+    deidentify(source, tmp_path / "out", SECRET)
+    assert np.array_equal(read_ct(source).voxels_hu, read_ct(tmp_path / "out").voxels_hu)
 
 
 def test_what_is_refused_leaves_no_part_that_could_be_taken_for_the_whole(scan: Path, tmp_path: Path) -> None:

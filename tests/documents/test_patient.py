@@ -112,7 +112,8 @@ def test_a_value_that_dicom_does_not_know_is_not_copied(tmp_path: Path) -> None:
     for file in ct.iterdir():
         file.write_bytes(file.read_bytes().replace(b"19700131", b"31011970"))
     with pytest.raises(
-        InputError, match=r"cannot be copied \(Invalid value for VR DA: '31011970'\.?\); leave out --ct"
+        InputError,
+        match=r"cannot be copied \(Invalid value for VR DA: '31011970'\.?\); correct its header, or leave out --ct",
     ):
         exported(document(tmp_path, "fiducials"), ct)
 
