@@ -41,11 +41,13 @@ def test_an_empty_file_with_the_name_of_an_image_is_flagged(tmp_path: Path) -> N
     assert read_ct(tmp_path).flags == (VolumeFlag.UNREADABLE_FILES,)
 
 
-def test_what_macos_keeps_beside_each_file_is_no_failed_copy(tmp_path: Path) -> None:
+def test_what_macos_keeps_for_itself_is_no_failed_copy(tmp_path: Path) -> None:
     write_series(tmp_path)
     beside = b"\0\x05\x16\x07\0\x02\0\0Mac OS X        " + bytes(4072)
     for name in ("000", "004.dcm"):
         (tmp_path / f"._{name}").write_bytes(beside)
+    (tmp_path / ".Spotlight-V100" / "Store-V2").mkdir(parents=True)
+    (tmp_path / ".Spotlight-V100" / "Store-V2" / "journalExclusion").touch()
     assert read_ct(tmp_path).flags == ()
 
 
