@@ -45,7 +45,9 @@ class Arrivals:
     def keep(self, sop_uid: str, content: bytes) -> None:
         """Keep an instance; raises `InputError` for one that is another, or belongs to something else."""
         if UID.fullmatch(str(sop_uid)) is None:
-            raise InputError(f"an instance has the UID '{printable(sop_uid, 80)}'; expected digits and points")
+            raise InputError(
+                f"an instance has the UID '{printable(sop_uid, 80)}'; expected up to 64 digits and points"
+            )
         with self._changed:
             path = self._folder / f"{sop_uid}.dcm"
             write_atomically(path, content)

@@ -55,7 +55,9 @@ def read_facts(path: Path, sha256: str) -> Facts:
     ):
         uids[name] = text(elements, tag)
         if UID.fullmatch(uids[name]) is None:
-            raise InputError(f"its {name} UID is '{printable(uids[name], 80)}'; expected up to 64 digits and points")
+            raise InputError(
+                f"its {name} UID is '{printable(uids[name], 80)}'; expected up to 64 digits and points"
+            )
     return Facts(
         sop_uid=uids["SOP instance"],
         sop_class=text(elements, tags.SOP_CLASS_UID),

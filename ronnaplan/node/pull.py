@@ -33,7 +33,9 @@ class Wanted:
         if not keys:
             raise UsageError("nothing says which study; give its UID, a patient's ID or a date")
         if self.study_uid and UID.fullmatch(self.study_uid) is None:
-            raise UsageError(f"'{printable(self.study_uid)}' is no study's UID; expected digits and points")
+            raise UsageError(
+                f"'{printable(self.study_uid)}' is no study's UID; expected up to 64 digits and points"
+            )
         if self.date and not are_days(self.date):
             raise UsageError(
                 f"'{printable(self.date)}' is no date; expected YYYYMMDD, or two with a - between, the earlier first"

@@ -118,7 +118,7 @@ def test_what_says_too_little_is_wrong_usage(tmp_path: Path) -> None:
 
 def test_a_study_s_uid_that_is_none_is_wrong_usage_and_nobody_is_asked(tmp_path: Path) -> None:
     for uid in ("abc", "1.2*", "1.2\\1.3"):
-        with pytest.raises(UsageError, match="is no study's UID; expected digits and points"):
+        with pytest.raises(UsageError, match="is no study's UID; expected up to 64 digits and points"):
             pull(Config(), peer_at("A@127.0.0.1:1", Config()), Wanted(study_uid=uid), tmp_path)
 
 
