@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Iterator
 from contextlib import suppress
@@ -22,6 +23,12 @@ _JP2_SIGNATURE: Final = b"jP  \r\n\x87\n"
 _END_OF_IMAGE: Final = b"\xff\xd9"
 _MOST_PADDING: Final = 8
 """Zero bytes that an encoder may leave of its buffer."""
+_LONGEST_START: Final = 1 << 12
+"""Bytes within which a stream says how it was compressed."""
+_JPEG_2000_STYLE: Final = re.compile(rb"\xff\x52.{11}(.)", re.DOTALL)
+"""The coding style of JPEG 2000 (ISO 15444-1, A.6.1); its last byte names the wavelet, 0 the irreversible one."""
+_JPEG_LS_SCAN: Final = re.compile(rb"\xff\xda\x00\x08\x01.{2}(.)", re.DOTALL)
+"""The start of scan of JPEG-LS (ITU-T T.87, C.2.3), of one component; its last byte is how far values may be off."""
 _START_OF_FRAME: Final = frozenset({*range(0xC0, 0xD0), 0xF7} - {0xC4, 0xC8, 0xCC})
 PACKAGES: Final = {
     "1.2.840.10008.1.2.4.92": "JPEG 2000 multi-component, for which no maintained decoder is known",
@@ -49,6 +56,19 @@ def why_not_decoded(pixels: PixelFormat) -> str | None:
     known = PACKAGES.get(transfer_syntax)
     named = f"{transfer_syntax} ({known})" if known else f"{transfer_syntax} (unknown; gdcmconv may know it)"
     return f"its transfer syntax {named} is not supported"
+
+
+def tells_loss(image: SliceImage) -> bool:
+    """Whether a compressed image says that it lost something, whatever its transfer syntax says."""
+    if not image.fragments:
+        return False
+    offset, length = image.fragments[0]
+    start = image.instance.blob.read(offset, min(length, _LONGEST_START))
+    if start[:2] == b"\xff\xd8":
+        near = _JPEG_LS_SCAN.search(start) if image.pixels.transfer_syntax in JPEG_LS else None
+        return near is not None and near[1] != b"\0"
+    style = _JPEG_2000_STYLE.search(start, _codestream_start(start))
+    return image.pixels.transfer_syntax != RLE and style is not None and style[1] == b"\0"
 
 
 def decode(image: SliceImage) -> Stored:

@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 
 from ronnaplan.ct.apart import PASSES, share_plane, what_differs
+from ronnaplan.ct.codecs import tells_loss
 from ronnaplan.ct.derived import flags_of
 from ronnaplan.ct.grid import TILT_TOLERANCE_DEG, SliceGrid
 from ronnaplan.ct.header import DEFLATED_LITTLE
@@ -232,7 +233,7 @@ def _flags(slices: tuple[SliceImage, ...], grid: SliceGrid) -> list[VolumeFlag]:
     makings = {(image.image_type, image.technique, image.instance.description) for image in slices}
     made = [flag for making in sorted(makings) for flag in flags_of(*making)]
     doubts = {
-        VolumeFlag.LOSSY: any(image.instance.is_lossy for image in slices),
+        VolumeFlag.LOSSY: any(image.instance.is_lossy for image in slices) or tells_loss(slices[0]),
         VolumeFlag.UNEVEN_SPACING: not grid.is_evenly_spaced,
         VolumeFlag.MISSING_SLICE: bool(missing.any()),
         VolumeFlag.SAME_INSTANCE: _share_uid(slices),

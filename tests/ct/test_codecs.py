@@ -60,6 +60,16 @@ def test_lossy_images_are_read_and_flagged(tmp_path: Path, syntax: str) -> None:
     assert volume.flags == (VolumeFlag.LOSSY,)
 
 
+@pytest.mark.parametrize(("lossy", "lossless"), list(zip(NEAR, (JPEG_LS, JPEG_2000), strict=True)))
+def test_a_stream_that_tells_of_a_loss_is_flagged_whatever_its_syntax_says(
+    lossy: str, lossless: str, tmp_path: Path
+) -> None:
+    series(tmp_path, lossy, signed=False)
+    for path in tmp_path.iterdir():
+        path.write_bytes(relabelled(path.read_bytes(), lossless))
+    assert read_ct(tmp_path).flags == (VolumeFlag.LOSSY,)
+
+
 def test_baseline_jpeg_is_read_and_flagged(tmp_path: Path) -> None:
     smooth = (np.add.outer(np.arange(64), np.arange(64)) + 20).astype(np.uint8)
     for k in range(3):
