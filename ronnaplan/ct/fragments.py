@@ -15,6 +15,8 @@ from ronnaplan.ct.slices import Fragment, PixelFormat
 
 _ITEM_HEADER: Final = struct.Struct("<HHL")
 _READ_AT_ONCE_BYTES: Final = 4 << 20
+_IMAGE_STARTS: Final = (b"\xff\xd8\xff", b"\xff\x4f\xff\x51")
+"""How JPEG and JPEG 2000 images begin, and no fragment that goes on with one can: their data hold no such markers."""
 MOST_FRAGMENTS: Final = 1 << 16
 """More compressed fragments than this in one file are taken for damage."""
 
@@ -34,6 +36,8 @@ def frame_fragments(blob: Blob, pixels: PixelFormat) -> list[tuple[Fragment, ...
     end = sum(fragments[-1]) + _ITEM_HEADER.size  # of the delimiter, which has no value
     refuse_more(blob, end, pixels.tag, DEFAULT_LIMITS, is_explicit=True)
     if pixels.frames == 1:
+        if any(read(offset, 4).startswith(_IMAGE_STARTS) for offset, _ in fragments[1:]):
+            raise DamagedError("it holds several compressed images but declares one")
         return [tuple(fragments)]
     if len(fragments) == pixels.frames:
         return [(fragment,) for fragment in fragments]

@@ -158,6 +158,17 @@ def test_a_compressed_image_cut_short_is_refused(tmp_path: Path, syntax: str) ->
         read_ct(tmp_path)
 
 
+@pytest.mark.parametrize("syntax", [JPEG_70, JPEG_LS, JPEG_2000])
+def test_two_images_in_a_file_that_declares_one_are_refused(tmp_path: Path, syntax: str) -> None:
+    series(tmp_path, syntax, signed=False)
+    made, other = pydicom.dcmread(tmp_path / "1"), pydicom.dcmread(tmp_path / "2")
+    images = [next(generate_frames(one.PixelData, number_of_frames=1)) for one in (made, other)]
+    made.PixelData = encapsulate(images)
+    made.save_as(tmp_path / "1", enforce_file_format=True)
+    with pytest.raises(InputError, match="1 of 3 files: it holds several compressed images but declares one"):
+        read_ct(tmp_path)
+
+
 def test_a_stream_that_ends_early_is_refused_in_a_sentence(tmp_path: Path) -> None:
     series(tmp_path, JPEG_2000, signed=False)
     made = pydicom.dcmread(tmp_path / "1")
