@@ -52,7 +52,7 @@ class ImageHeader:
     """The header of an image of ``shape`` (K, J, I), in slices, rows and columns.
 
     ``lps_from_index`` (4, 4) maps (i, j, k, 1) to LPS mm; HU = stored value of type ``dtype`` x ``slope`` +
-    ``intercept``.
+    ``intercept``. ``modality`` is what it says to have been made by, CT where it says nothing.
     """
 
     shape: tuple[int, int, int]
@@ -61,6 +61,7 @@ class ImageHeader:
     stored: StoredVoxels
     slope: float = 1.0
     intercept: float = 0.0
+    modality: str = "CT"
 
 
 def header_lines(stream: BinaryIO, limits: Limits) -> list[str]:

@@ -6,7 +6,7 @@ disagree, other units than mm, or values other than HU.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Final
@@ -21,6 +21,7 @@ from ronnaplan.ct.limits import DEFAULT_LIMITS, GIB, Limits
 from ronnaplan.ct.metaimage import meta_header
 from ronnaplan.ct.nifti import nifti_header
 from ronnaplan.ct.nrrd import nrrd_header
+from ronnaplan.ct.slices import CT_ONLY
 from ronnaplan.ct.stack import FARTHEST_MM, PIXEL_SIZE_RANGE_MM
 from ronnaplan.ct.volume import CTVolume, SeriesSource, VolumeFlag
 from ronnaplan.errors import InputError
@@ -67,10 +68,14 @@ class ImageFile:
         return (VolumeFlag.NO_FRAME_OF_REFERENCE, *sheared)
 
 
-def open_image(path: Path, limits: Limits = DEFAULT_LIMITS) -> ImageFile:
-    """Read the header of an image file; raises `InputError` if it does not place its voxels unmistakably."""
+def open_image(
+    path: Path, limits: Limits = DEFAULT_LIMITS, modalities: Collection[str] = tuple(CT_ONLY)
+) -> ImageFile:
+    """Read the header of an image file of one of ``modalities``; raises `InputError` for what it leaves open."""
     try:
         header = _header(path, limits)
+        if header.modality not in modalities:
+            raise DamagedError(f"its modality is {printable(header.modality, 60)}, not {' or '.join(modalities)}")
         _check_size(header.shape, limits)
         grid, k_flips = _grid(header.lps_from_index, header.shape[0])
     except DamagedError as error:
@@ -78,9 +83,9 @@ def open_image(path: Path, limits: Limits = DEFAULT_LIMITS) -> ImageFile:
     return ImageFile(path, header, grid, k_flips)
 
 
-def read_image(path: Path, limits: Limits) -> CTVolume:
-    """Read an image file whose values are HU; raises `InputError`."""
-    image = open_image(path, limits)
+def read_image(path: Path, limits: Limits, modalities: Collection[str] = tuple(CT_ONLY)) -> CTVolume:
+    """Read an image file, of a CT one whose values are HU; raises `InputError`."""
+    image = open_image(path, limits, modalities)
     try:
         voxels = read_voxels(image.header, k_flips=image.k_flips)
     except DamagedError as error:
@@ -88,7 +93,7 @@ def read_image(path: Path, limits: Limits) -> CTVolume:
     return CTVolume(
         voxels_hu=voxels,
         grid=image.grid,
-        source=SeriesSource(description=printable(path.name)),
+        source=SeriesSource(description=printable(path.name), modality=image.header.modality),
         flags=image.flags,
     )
 

@@ -50,7 +50,7 @@ _EXPECTED: Final = {
     "ObjectType": ("Image",),
     "TransformType": ("Rigid", "Affine"),
     "DistanceUnits": ("mm", "?"),
-    "Modality": ("MET_MOD_CT", "MET_MOD_UNKNOWN"),
+    "Modality": ("MET_MOD_CT", "MET_MOD_MR", "MET_MOD_UNKNOWN"),
     "BinaryData": ("True",),
     "HeaderSizePerSlice": ("0",),
     "ElementNumberOfChannels": ("1",),
@@ -95,6 +95,7 @@ def meta_header(path: Path, stream: BinaryIO, limits: Limits) -> ImageHeader:
         _lps_from_index(fields),
         _stored(path, fields, stream.tell()),
         *scaled(float(slope), float(offset)),
+        modality="MR" if fields.get("Modality") == "MET_MOD_MR" else "CT",
     )
 
 

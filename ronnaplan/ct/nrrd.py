@@ -113,7 +113,11 @@ def nrrd_header(path: Path, stream: BinaryIO, limits: Limits) -> ImageHeader:
     _check_axes(fields)
     columns, rows, count = whole(_given(fields, "sizes"), 3, "sizes")
     return ImageHeader(
-        (count, rows, columns), _dtype(fields), _lps_from_index(fields), _stored(path, fields, stream.tell())
+        (count, rows, columns),
+        _dtype(fields),
+        _lps_from_index(fields),
+        _stored(path, fields, stream.tell()),
+        modality=next((fields[key].upper() for key in _MODALITIES if key in fields), "CT"),
     )
 
 
@@ -147,10 +151,6 @@ def _given(fields: dict[str, str], name: str) -> str:
 
 def _check_meaning(fields: dict[str, str]) -> None:
     """Refuse what says that the samples are no HU in millimetres."""
-    for key in _MODALITIES:
-        modality = fields.get(key, "CT")
-        if modality.upper() != "CT":
-            raise DamagedError(f"its modality is {printable(modality, 60)}, not CT")
     refuse_uneven(fields.get(f"{UNEVEN_MM.lower()}:="))
     units = fields.get("space units", '"mm"' * 3)
     if not re.fullmatch(r'(\s*"mm"){3}\s*', units):

@@ -73,7 +73,8 @@ def _read(
 ) -> CTVolume:
     path = given_path(path)
     if is_image_file(path) and path.is_file():
-        return _told(_judged(_without_unmeasured(read_image(path, limits))))
+        volume = _without_unmeasured(read_image(path, limits, kinds))
+        return _told(_judged(volume) if volume.source.modality == "CT" else volume)
     found = find_series(path, limits, kinds=kinds, progress=progress)
     series = found.choose(series_uid)
     troubled = any(one.is_trouble for one in found.skipped)

@@ -19,7 +19,8 @@ LAST = b"ElementDataFile"
     [
         (LAST, b"DistanceUnits = cm\n" + LAST, "its DistanceUnits is 'cm', expected mm"),
         (LAST, b"DistanceUnits = um\n" + LAST, "its DistanceUnits is 'um'"),
-        (LAST, b"Modality = MET_MOD_MR\n" + LAST, "its Modality is 'MET_MOD_MR'"),
+        (LAST, b"Modality = MET_MOD_MR\n" + LAST, "its modality is MR, not CT"),
+        (LAST, b"Modality = MET_MOD_NM\n" + LAST, "its Modality is 'MET_MOD_NM'"),
         (LAST, b"ITK_non_uniform_sampling_deviation = 1.35714\n" + LAST, "off by up to 1.36 mm; use the series"),
         (LAST, b"Orientation = 0 1 0 1 0 0 0 0 1\n" + LAST, "two values for Orientation"),
         (LAST, b"Rotation = 0 1 0 1 0 0 0 0 1\n" + LAST, "two values for Rotation"),

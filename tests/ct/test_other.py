@@ -13,6 +13,7 @@ from ronnaplan.ct import read_ct
 from ronnaplan.ct.reader import read_other_image
 from ronnaplan.errors import InputError
 from tests.ct.makers import pattern, write_series
+from tests.ct.test_images import VOXELS, changed
 
 
 def as_mr(made: Dataset, k: int) -> None:
@@ -45,3 +46,21 @@ def test_an_mr_of_another_class_and_what_is_no_slice_are_refused(tmp_path: Path)
 
     with pytest.raises(InputError, match="no usable"):
         read_other_image(write_series(tmp_path / "echoes", change=twice))
+
+
+@pytest.mark.parametrize(
+    ("name", "before", "told"),
+    [
+        ("head.nrrd", b"kinds:", b"DICOM_0008_0060_Modality:=MR\n"),
+        ("head.mha", b"ElementDataFile", b"Modality = MET_MOD_MR\n"),
+    ],
+)
+def test_an_image_file_that_says_to_be_an_mr_is_taken_as_one(
+    name: str, before: bytes, told: bytes, tmp_path: Path
+) -> None:
+    path = changed(tmp_path / name, before, told + before)
+    with pytest.raises(InputError, match="its modality is MR, not CT"):
+        read_ct(path)
+    found = read_other_image(path)
+    assert found.source.modality == "MR"
+    assert found.voxels_hu.shape == VOXELS.shape
