@@ -24,6 +24,7 @@ SIGNATURE = b"PK"
 
 _ENCRYPTED = 0x1
 _METHODS = frozenset({zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA})
+"""How members may be packed."""
 _DAMAGE = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, RuntimeError, ValueError)
 _UNPACKED_IN_MEMORY_BYTES = 4 << 20
 """A single slice fits; larger members hold many frames, each of which would unpack all of them before it."""

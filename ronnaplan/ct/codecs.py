@@ -64,11 +64,12 @@ def tells_loss(image: SliceImage) -> bool:
         return False
     offset, length = image.fragments[0]
     start = image.instance.blob.read(offset, min(length, _LONGEST_START))
-    if start[:2] == b"\xff\xd8":
-        near = _JPEG_LS_SCAN.search(start) if image.pixels.transfer_syntax in JPEG_LS else None
-        return near is not None and near[1] != b"\0"
-    style = _JPEG_2000_STYLE.search(start, _codestream_start(start))
-    return image.pixels.transfer_syntax != RLE and style is not None and style[1] == b"\0"
+    if image.pixels.transfer_syntax in JPEG_LS:
+        scan = _JPEG_LS_SCAN.search(start)
+        return scan is not None and scan[1] != b"\0"
+    at = _codestream_start(start)
+    style = _JPEG_2000_STYLE.search(start, at) if start.startswith(_JPEG_2000_START, at) else None
+    return style is not None and style[1] == b"\0"
 
 
 def decode(image: SliceImage) -> Stored:

@@ -25,9 +25,11 @@ _SEEN_BYTES: Final = 132
 
 def is_failed_copy(blob: Blob) -> bool:
     """Whether a file that is no DICOM file seems to have been an image: by its name, or as it is blank."""
-    if starts_with(blob, _APPLE_DOUBLE) or _SYSTEM_FOLDERS.intersection(Path(blob.name).parts):
+    if _SYSTEM_FOLDERS.intersection(Path(blob.name).parts):
         return False
-    return blob.name.lower().endswith(_ENDINGS) or _is_blank(blob)
+    if blob.name.lower().endswith(_ENDINGS):
+        return not starts_with(blob, _APPLE_DOUBLE)
+    return _is_blank(blob)
 
 
 def _is_blank(blob: Blob) -> bool:
