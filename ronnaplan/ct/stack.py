@@ -47,7 +47,7 @@ OUT_OF_ORDER_S: Final = 1.0
 MOST_MIXED: Final = 3
 """So many of the things that are unlike in a mixed series are told."""
 MOST_PARTS: Final = 32
-"""A series that falls into more parts than this is refused as a whole."""
+"""A series that falls into more parts than this, or into single images, is refused as a whole."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +72,9 @@ class Stack:
 def stacks_of(images: Sequence[SliceImage]) -> list[Stack]:
     """Divide the images of one series into stacks; a refused one says why in ``problem``."""
     parts = _by_plane(images)
-    if len(parts) > MOST_PARTS:
-        return [Stack(tuple(images), problem=_why_so_many(images))]
+    is_each_apart = len(parts) == len(images) >= LEAST_SLICES
+    if len(parts) > MOST_PARTS or is_each_apart:
+        return [Stack(tuple(images), problem=_why_so_many(images, parts))]
     stacks = [stack for part in parts for stack in _stacks_of_plane(part)]
     if len(stacks) > 1:
         apart = what_differs([stack.slices[0] for stack in stacks])
@@ -98,11 +99,15 @@ def _by_plane(images: Sequence[SliceImage]) -> list[list[SliceImage]]:
     return groups
 
 
-def _why_so_many(images: Sequence[SliceImage]) -> str:
-    """Say by what images fall into too many parts: programs that take names away may give each file its own."""
+def _why_so_many(images: Sequence[SliceImage], parts: Sequence[object]) -> str:
+    """Say by what images fall into too many parts: programs that write, or take names away, may give each its own."""
     mixed = what_differs(images)
     told = ", ".join(mixed[:MOST_MIXED]) if len(mixed) > MOST_MIXED else " and ".join(mixed)
-    return f"it mixes too many {told} (more than {MOST_PARTS} parts of {len(images)} images); export it again"
+    counted = len(parts) if len(parts) <= MOST_PARTS else f"more than {MOST_PARTS}"
+    return (
+        f"it mixes too many {told} ({counted} parts of {len(images)} images); export it again so that its files "
+        "share them"
+    )
 
 
 def _grouped(images: Sequence[SliceImage], key: Callable[[SliceImage], str]) -> list[list[SliceImage]]:

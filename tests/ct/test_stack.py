@@ -388,14 +388,17 @@ def test_a_single_slice_is_no_volume(tmp_path: Path) -> None:
         read_ct(write_series(tmp_path, 1))
 
 
+@pytest.mark.parametrize(("count", "parts"), [(40, "more than 32"), (4, "4")])
 @pytest.mark.parametrize(
     ("keyword", "told"),
     [("StudyInstanceUID", "studies"), ("FrameOfReferenceUID", "frames of reference"), ("PatientID", "patients")],
 )
-def test_what_every_file_was_given_for_itself_is_named(tmp_path: Path, keyword: str, told: str) -> None:
-    """As programs leave it that take names away, file by file."""
-    write_series(tmp_path, 40, lambda made, k: setattr(made, keyword, f"1.2.{k}"))
-    with pytest.raises(InputError, match=rf"it mixes too many {told} \(more than 32 parts of 40 images\)"):
+def test_what_every_file_was_given_for_itself_is_named(
+    tmp_path: Path, keyword: str, told: str, count: int, parts: str
+) -> None:
+    """As programs leave it that take names away, or that write, file by file."""
+    write_series(tmp_path, count, lambda made, k: setattr(made, keyword, f"1.2.{k}"))
+    with pytest.raises(InputError, match=rf"it mixes too many {told} \({parts} parts of {count} images\)"):
         read_ct(tmp_path)
 
 
