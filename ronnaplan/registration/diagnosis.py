@@ -13,6 +13,9 @@ from ronnaplan.registration.covariances import SMALLEST_VARIANCE_MM2, combined_c
 from ronnaplan.registration.registration import MISFIT_PROBABILITY, Registration
 from ronnaplan.rigid import fit_closed_form, fit_likelihood, pose_covariance, spans_a_plane
 
+A_STRETCH = "a stretch of one side"
+"""What else than a marker may explain the misfit: see `Registration.stretch`."""
+
 
 @dataclass(frozen=True, eq=False)
 class LeaveOneOut:
@@ -38,7 +41,10 @@ class LeaveOneOut:
 
 @dataclass(frozen=True)
 class Doubt:
-    """A proposal about one marker. ``certain`` is whether it alone explains the misfit; ``rivals`` would too."""
+    """A proposal about one marker. ``certain`` is whether it alone explains the misfit; ``rivals`` would too.
+
+    They are other markers, or `A_STRETCH`.
+    """
 
     label: str
     probability: float
@@ -70,7 +76,8 @@ def doubted_marker(registration: Registration) -> Doubt | None:
     """Return the marker to doubt, or None when all agree (or there are too few to tell).
 
     A marker is doubted when its leave-one-out residual has a chance below `MISFIT_PROBABILITY` / N. It is
-    `certain` when the rest fit without it and would not fit without any other one instead.
+    `certain` when the rest fit without it and would not fit without any other one instead, nor if one side were
+    stretched.
     """
     if len(registration) < 4:
         return None
@@ -84,12 +91,14 @@ def doubted_marker(registration: Registration) -> Doubt | None:
         explains = left_out.rest_probabilities >= MISFIT_PROBABILITY
     else:
         explains = left_out.probabilities < MISFIT_PROBABILITY / len(registration)
-    others = [i for i in np.flatnonzero(explains) if i != suspect]
+    others = [registration.labels[i] for i in np.flatnonzero(explains) if i != suspect]
+    if registration.stretch is not None:
+        others.append(A_STRETCH)
     return Doubt(
         registration.labels[suspect],
         float(left_out.probabilities[suspect]),
         bool(explains[suspect]) and not others,
-        tuple(registration.labels[i] for i in others),
+        tuple(others),
     )
 
 

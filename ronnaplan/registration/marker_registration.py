@@ -43,18 +43,22 @@ class MarkerRegistration:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """The markers left out because they lie beside the place that the others give them, or are not certain."""
+        """Why markers were left out, and by how much the scan would have to be longer for the others to agree."""
         moved, doubtful = (
             [(self.ct.labels[i], self.ots.labels[j]) for i, j in pairs]
             for pairs in (self.pairing.moved, self.pairing.doubtful)
         )
-        return tuple(
-            f"marker {ct} and reading {ots} were left out: they lie side by side, as if the marker had moved"
-            for ct, ots in moved
-        ) + tuple(
-            f"marker {ct} and reading {ots} were left out: they fit, but not certainly enough"
-            for ct, ots in doubtful
-            if (ct, ots) not in moved
+        return (
+            *(
+                f"marker {ct} and reading {ots} were left out: they lie side by side, as if the marker had moved"
+                for ct, ots in moved
+            ),
+            *(
+                f"marker {ct} and reading {ots} were left out: they fit, but not certainly enough"
+                for ct, ots in doubtful
+                if (ct, ots) not in moved
+            ),
+            *_told_stretch(self.registration),
         )
 
     @property
@@ -116,6 +120,13 @@ def register_markers(
         fixed_frame=ots.frame,
     )
     return MarkerRegistration(ct, ots, pairing, registration, sigma_ct_mm)
+
+
+def _told_stretch(registration: Registration | None) -> tuple[str, ...]:
+    if registration is None or registration.stretch is None:
+        return ()
+    told = ", ".join(f"{100 * share:+.1f} %" for share in registration.stretch)
+    return (f"the readings would fit a scan that is longer by {told} along x, y and z",)
 
 
 def _index(points: Points, label: str, kind: str) -> int:

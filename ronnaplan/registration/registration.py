@@ -23,6 +23,7 @@ from ronnaplan.registration.covariances import (
     estimated_variance,
     fitted_pose_covariance,
 )
+from ronnaplan.registration.stretch import explaining_stretch
 from ronnaplan.rigid import fit_closed_form, fit_likelihood, require_spread
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ class RegistrationFlag(StrEnum):
     """Reasons to doubt a registration.
 
     `MISFIT` stands where `Registration.fit_probability` is below `MISFIT_PROBABILITY` (0.001), `TOO_GOOD` above 0.999,
-    `LOOSE_ROTATION` beyond `LOOSE_ROTATION_DEG`, as it says.
+    `LOOSE_ROTATION` beyond `LOOSE_ROTATION_DEG`, as it says; `STRETCHED` where `Registration.stretch` tells one.
     """
 
     THREE_MARKERS = "only three pairs: one bad marker cannot be told from the others"
@@ -56,6 +57,10 @@ class RegistrationFlag(StrEnum):
     MISFIT = "the residuals are larger than the stated marker errors explain"
     TOO_GOOD = "the residuals are far smaller than the stated marker errors; the stated errors may be too large"
     MIRRORED = "the points fit a mirror image far better; one set may be left-handed"
+    STRETCHED = (
+        "the pairs agree far better where one side is stretched; check the scan's pixel size and slice distance, and "
+        "the tracker's scale"
+    )
     UNSETTLED = "the fit did not settle, as the pairs contradict each other far beyond their stated errors"
 
 
@@ -173,6 +178,17 @@ class Registration(Shown[RegisteredPair]):
 
         return float(gammaincc(self.degrees_of_freedom / 2, self.chi_square / 2))
 
+    @cached_property
+    def stretch(self) -> FloatArray | None:
+        """By which shares (3,) the moving points would have to be longer along their axes for the pairs to agree.
+
+        None where no errors were stated, of three pairs, and where distances are right or do not explain the misfit.
+        """
+        if not self.errors_stated or len(self) == 3:
+            return None
+        pairs = (self.moving_mm, self.residual_vectors_mm, self.covariances_mm2)
+        return explaining_stretch(self.transform, *pairs, rare=MISFIT_PROBABILITY)
+
     def tre(self, points_mm: ArrayLike, frame: Frame | None = None) -> FloatArray:
         """Return the covariance (N, 3, 3), in the fixed frame, of the error at moving ``points_mm``.
 
@@ -214,6 +230,7 @@ class Registration(Shown[RegisteredPair]):
             RegistrationFlag.MISFIT: probability is not None and probability < MISFIT_PROBABILITY,
             RegistrationFlag.TOO_GOOD: probability is not None and probability > 1 - MISFIT_PROBABILITY,
             RegistrationFlag.MIRRORED: self._fits_a_mirror(),
+            RegistrationFlag.STRETCHED: self.stretch is not None,
             RegistrationFlag.UNSETTLED: not self.settled,
         }
         return tuple(flag for flag, raised in checks.items() if raised)

@@ -1,5 +1,6 @@
 """Markers of a scan and readings in any order become a registration, or a refusal."""
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -81,3 +82,12 @@ def test_pairs_that_are_not_certain_enough_are_named() -> None:
     doubted = replace(found, pairing=replace(found.pairing, doubtful=np.array([[0, 1]])))
     assert found.notes == ()
     assert doubted.notes == ("marker F1 and reading 2 were left out: they fit, but not certainly enough",)
+
+
+def test_a_scan_whose_distances_are_wrong_is_told_by_how_much() -> None:
+    ct = scene.ct_points()
+    short = Points(0.985 * ct.positions_mm, ct.covariances_mm2, ct.labels, ct.frame)
+    (told,) = register_markers(short, scene.readings(), sigma_ct_mm=0.1).notes
+    assert re.fullmatch(
+        r"the readings would fit a scan that is longer by \+1\.\d %, \+1\.\d %, \+1\.\d % along x, y and z", told
+    )
