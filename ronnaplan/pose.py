@@ -22,6 +22,8 @@ POSE_TOLERANCE = 1e-4
 digits); within it the nearest rotation is taken."""
 FARTHEST_MM = 1e9
 """A pose with larger entries (1000 km) is damaged, like one with entries that are not finite."""
+NEAREST_MM = 10.0
+"""No tracker sees a tool so near to its origin, nor has a robot its TCP there: such poses are in metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,8 +137,18 @@ def as_poses(matrices: ArrayLike, name: str) -> FloatArray:
     sound = _are_poses(poses) if poses.shape[1:] == (4, 4) else np.zeros(len(poses), dtype=bool)
     for wrong in np.flatnonzero(~sound):
         as_pose(poses[wrong], f"{name} {wrong}")
+    require_millimetres_away(poses, f"{name} lies")
     u, _, vt = np.linalg.svd(poses[:, :3, :3])
     return rigid(u @ vt, poses[:, :3, 3])
+
+
+def require_millimetres_away(matrices: FloatArray, told: str) -> None:
+    """Raise `InputError`, beginning with ``told``, where all of ``matrices`` (N, 4, 4) look as if in metres."""
+    farthest_mm = float(np.linalg.norm(matrices[:, :3, 3], axis=1).max(initial=0.0))
+    if len(matrices) and farthest_mm < NEAREST_MM:
+        raise InputError(
+            f"{told} within {farthest_mm:.2g} mm of the origin in every pose, as if it were in metres; expected mm"
+        )
 
 
 def as_stack(matrices: ArrayLike, name: str) -> FloatArray:

@@ -74,9 +74,9 @@ class PivotCalibration:
 def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
     """Return the tip of a tool from ``poses`` (N, 4, 4), tracker from tool in mm, in the order of recording.
 
-    Raises `InputError` for a matrix that is no pose (left-handed, scaled, not finite), for fewer than ten different
-    poses, and for poses that turn the tool too little, or about one axis only; `RefusedError` where no tip rested, or
-    it lies where no tool's is.
+    Raises `InputError` for a matrix that is no pose (left-handed, scaled, not finite), for poses in metres, for fewer
+    than ten different ones, and for such as turn the tool too little, or about one axis only; `RefusedError` where no
+    tip rested, or it lies where no tool's is.
     """
     offered = as_stack(poses, "pivot poses")
     different = len(np.unique(offered, axis=0))

@@ -9,7 +9,7 @@ import numpy as np
 
 from ronnaplan.errors import InputError, RefusedError, check_type
 from ronnaplan.geometry import FloatArray, Points, require_sigma
-from ronnaplan.pose import Pose, as_pose, point_jacobian, transform_points
+from ronnaplan.pose import Pose, as_pose, point_jacobian, require_millimetres_away, transform_points
 from ronnaplan.rigid import pose_covariance, require_spread
 from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.tool_frame import locate_tool
@@ -19,9 +19,6 @@ from ronnaplan.tracking.recording import require_one_system
 
 STILL_MM, STILL_DEG = 0.5, 0.5
 """Poses of something that rests scatter less about their mean than this: a tracker's noise, no movement."""
-
-NEAREST_MM = 10.0
-"""No tracker sees a tool so near to its origin, nor has a robot its TCP there: such poses are in metres."""
 
 
 def tool_poses(recording: Recording, tool: str | None = None) -> dict[int, FloatArray]:
@@ -51,12 +48,7 @@ def tool_poses(recording: Recording, tool: str | None = None) -> dict[int, Float
             f"{recording.source} has no usable pose of {told}, most readings say '{said}'; record it again, or correct "
             "its numbers (a decimal comma needs ';' between the columns)"
         )
-    farthest_mm = max(float(np.linalg.norm(matrix[:3, 3])) for matrix in found.values())
-    if farthest_mm < NEAREST_MM:
-        raise InputError(
-            f"{recording.source} has {told} within {farthest_mm:.2g} mm of the origin in every pose, as if it were in "
-            "metres; expected mm"
-        )
+    require_millimetres_away(np.array(list(found.values())), f"{recording.source} has {told}")
     return found
 
 

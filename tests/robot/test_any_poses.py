@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ronnaplan.errors import RonnaplanError
+from ronnaplan.errors import InputError, RonnaplanError
 from ronnaplan.robot.hand_eye import calibrate_hand_eye
 from ronnaplan.robot.pivot import calibrate_pivot
 
@@ -23,10 +23,24 @@ def test_any_poses_are_answered_or_refused(seed: int) -> None:
     poses = np.tile(np.eye(4), (count, 1, 1))
     poses[:, :3, :3] = Rotation.from_rotvec(vectors).as_matrix()
     tip_mm = generator.standard_normal(3) * generator.choice([0.0, 150.0, 1e5])
-    poses[:, :3, 3] = -poses[:, :3, :3] @ tip_mm + generator.choice([0.0, 0.1]) * generator.standard_normal(
-        (count, 3)
+    poses[:, :3, 3] = (
+        (0, 0, -900)
+        - poses[:, :3, :3] @ tip_mm
+        + generator.choice([0.0, 0.1]) * generator.standard_normal((count, 3))
     )
     with suppress(RonnaplanError):
         assert np.isfinite(calibrate_pivot(poses).tip_covariance_mm2).all()
     with suppress(RonnaplanError):
         calibrate_hand_eye(poses, poses)
+
+
+def test_recordings_in_metres_calibrate_no_eye() -> None:
+    """Both in metres agree with each other: M from TCP came out a thousandth as long."""
+    rng = np.random.default_rng(1)
+    m_from_tcp, robot_from_ots = np.eye(4), np.eye(4)
+    m_from_tcp[:3, 3], robot_from_ots[:3, 3] = (0.1, 0.0, 0.15), (1.0, 0.2, 0.5)
+    seen = np.tile(np.eye(4), (20, 1, 1))
+    seen[:, :3, :3] = Rotation.from_rotvec(rng.uniform(-0.5, 0.5, (20, 3))).as_matrix()
+    seen[:, :3, 3] = rng.uniform((-0.1, -0.1, 1.4), (0.1, 0.1, 1.6), (20, 3))
+    with pytest.raises(InputError, match=r"ots_from_m lies within .* as if it were in metres; expected mm"):
+        calibrate_hand_eye(seen, robot_from_ots @ seen @ m_from_tcp)

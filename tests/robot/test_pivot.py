@@ -46,6 +46,14 @@ def test_moving_the_tracker_leaves_the_tip_and_moves_the_pivot() -> None:
     np.testing.assert_allclose(after.pivot_mm, turn[:3, :3] @ before.pivot_mm + turn[:3, 3], atol=1e-4)
 
 
+def test_poses_in_metres_are_refused() -> None:
+    """They told a tip 0.24 mm from the tool's origin."""
+    poses = recording(5)
+    poses[:, :3, 3] /= 1000
+    with pytest.raises(InputError, match=r"pivot pose lies within .* as if it were in metres; expected mm"):
+        calibrate_pivot(poses)
+
+
 def test_slips_are_named_and_do_not_pull_the_tip() -> None:
     poses = recording(2)
     slips = np.r_[100:140, 400:500]
@@ -124,6 +132,7 @@ def test_poses_that_hardly_turn_are_refused() -> None:
         calibrate_pivot(recording(4, tilt_deg=2))
     about_one_axis = np.tile(np.eye(4), (50, 1, 1))
     about_one_axis[:, :3, :3] = Rotation.from_rotvec(np.outer(np.linspace(-1, 1, 50), [0, 0, 1])).as_matrix()
+    about_one_axis[:, :3, 3] = PIVOT
     with pytest.raises(InputError, match="about two axes"):
         calibrate_pivot(about_one_axis)
 
