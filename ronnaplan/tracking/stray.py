@@ -33,7 +33,9 @@ SMALLEST_SD_MM = 0.02
 MOVED_MM = 0.5
 """A marker whose first and last quarter of readings differ by more than this (and 5 standard errors) has moved."""
 LOST_SHARE = 0.1
-"""A marker unseen in this last share of the frames is lost."""
+"""A marker unseen in this last share of the frames is lost; elsewhere in it, it has moved."""
+FEWEST_LAST = 2
+"""One reading alone may be an outlier."""
 MOST_MARKERS = 1000
 """No tracker sees more at once: a recording that names more does not name markers."""
 MOST_STRAYS = 200
@@ -150,7 +152,7 @@ def find_markers(recording: Recording, *, sigma_mm: float = SIGMA_OTS_MM) -> Mar
             rejected.append(RejectedTrack(middle, len(track), reason))
             continue
         label = track[0].label or _unused_number(markers)
-        markers.append(_summarize(track, agree, label, frames, sigma_mm))
+        markers.append(_summarize(track, agreeing, label, frames, sigma_mm))
     return MarkerReadings(tuple(markers), tuple(rejected), len(frames), recording.frame)
 
 
@@ -233,27 +235,37 @@ def _contradiction(track: Sequence[PointReading]) -> str | None:
 
 
 def _summarize(
-    track: list[PointReading], agree: list[PointReading], label: str, frames: list[int], sigma_mm: float
+    track: list[PointReading], agreeing: NDArray[np.bool_], label: str, frames: list[int], sigma_mm: float
 ) -> TrackedMarker:
-    kept = np.array([r.position_mm for r in agree])
-    sigmas = [sigma_mm if r.sigma_mm is None else r.sigma_mm for r in agree]
+    positions = np.array([r.position_mm for r in track])
+    kept = positions[agreeing]
+    sigmas = np.array([sigma_mm if r.sigma_mm is None else r.sigma_mm for r in track])[agreeing]
     covariance = float(np.mean(np.square(sigmas))) * np.eye(3)
     if len(kept) > 1:
         covariance = covariance + np.cov(kept.T) / len(kept)
-    flags = _flags(track, kept, frames)
+    flags = _flags(track, _has_moved(kept) or _has_left(positions, agreeing), frames)
     return TrackedMarker(label, kept.mean(axis=0), covariance, len(kept), len(track) - len(kept), flags)
 
 
-def _flags(track: list[PointReading], kept: FloatArray, frames: list[int]) -> tuple[MarkerFlag, ...]:
-    seen = {r.frame for r in track}
+def _has_moved(kept: FloatArray) -> bool:
+    """Tell whether the readings that count (n, 3), in order, end elsewhere than they began."""
     quarter = len(kept) // 4
-    moved = False
-    if quarter >= 2:
-        first, last = kept[:quarter], kept[-quarter:]
-        error = np.sqrt((first.var(axis=0, ddof=1).sum() + last.var(axis=0, ddof=1).sum()) / quarter)
-        moved = float(np.linalg.norm(last.mean(axis=0) - first.mean(axis=0))) > max(MOVED_MM, 5 * error)
-    elif len(kept) > 1:
-        moved = float(np.ptp(kept, axis=0).max()) > 2 * GATE_MM
+    if quarter < 2:
+        return len(kept) > 1 and float(np.ptp(kept, axis=0).max()) > 2 * GATE_MM
+    first, last = kept[:quarter], kept[-quarter:]
+    error = float(np.sqrt((first.var(axis=0, ddof=1).sum() + last.var(axis=0, ddof=1).sum()) / quarter))
+    return float(np.linalg.norm(last.mean(axis=0) - first.mean(axis=0))) > max(MOVED_MM, 5 * error)
+
+
+def _has_left(positions: FloatArray, agreeing: NDArray[np.bool_]) -> bool:
+    """Tell whether none of the last of all readings (n, 3) is where those are that count: it was there before."""
+    last = max(FEWEST_LAST, int(LOST_SHARE * len(positions)))
+    away = np.median(positions[-last:], axis=0) - positions[agreeing].mean(axis=0)
+    return not bool(agreeing[-last:].any()) and float(np.linalg.norm(away)) > MOVED_MM
+
+
+def _flags(track: list[PointReading], moved: bool, frames: list[int]) -> tuple[MarkerFlag, ...]:
+    seen = {r.frame for r in track}
     tail = frames[-max(1, int(LOST_SHARE * len(frames))) :]
     checks = {
         MarkerFlag.MOVED: moved,

@@ -80,6 +80,24 @@ def test_a_marker_that_moves_or_vanishes_is_flagged() -> None:
     assert flags[0] == flags[3] == flags[4] == ()
 
 
+@pytest.mark.parametrize(("label", "mm", "left"), [("A", 30.0, 0.6), ("", 3.0, 0.6), ("A", 3.0, 0.85)])
+@pytest.mark.parametrize("frames", [20, 60])
+def test_a_marker_that_left_for_another_place_is_flagged(label: str, mm: float, left: float, frames: int) -> None:
+    """It is given where most readings lie: where it was, as when camera or patient are moved late in a recording."""
+    rng = np.random.default_rng(3)
+    away = np.array([mm, 0, 0])
+    readings = [
+        PointReading(k, TRUTH[0] + (k >= left * frames) * away + rng.normal(size=3) * JITTER, label)
+        for k in range(frames)
+    ]
+    (marker,) = find_markers(Recording("test", tuple(readings))).markers
+    assert np.linalg.norm(marker.position_mm - TRUTH[0]) < 0.1
+    assert marker.flags == (MarkerFlag.MOVED,)
+    readings[-2:] = [PointReading(frames - 2, TRUTH[0], label), PointReading(frames - 1, TRUTH[0] + away, label)]
+    came_back = find_markers(Recording("test", tuple(readings))).markers[0]
+    assert came_back.flags == ()
+
+
 def test_labels_and_stated_errors_of_the_source_are_kept() -> None:
     readings = [PointReading(0, p, label, sigma_mm=0.3) for p, label in zip(TRUTH, "ABCDE", strict=True)]
     found = find_markers(Recording("test", tuple(readings)))
