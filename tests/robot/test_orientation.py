@@ -226,6 +226,7 @@ def test_unusable_calibrations_are_named() -> None:
         calibrate_hand_eye(seen, driven * np.array([1, 1, -1, 1]))
     turning = np.tile(np.eye(4), (8, 1, 1))
     turning[:, :3, :3] = Rotation.from_rotvec(np.outer(np.arange(8), [0, 0, 0.2])).as_matrix()
+    turning[:, 0, 3] = 500.0
     with pytest.raises(InputError, match="about two axes"):
         calibrate_hand_eye(seen, turning)
     with pytest.raises(InputError, match="built on three"):
