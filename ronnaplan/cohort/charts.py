@@ -5,7 +5,8 @@ Product, 1931; D. C. Montgomery, Introduction to Statistical Quality Control, 6.
 exponentially weighted moving average (S. W. Roberts 1959, Technometrics 1:239), which tells a drift. Limits allow for
 what the first scans leave unknown of center and scatter: in simulated years of 260 scans with nothing wrong, 17 % of
 charts show a drift and 29 % a leap (59 % and 55 % with limits taken as exact); a step of one standard deviation
-is found after 13 scans (`tests/cohort/test_charts.py`).
+is found after 13 scans (`tests/cohort/test_charts.py`). Scans after a change among the first ones set no limits: they
+would hide the change, or have it told of the scans before it.
 """
 
 from __future__ import annotations
@@ -20,10 +21,14 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 
 BASELINE: Final = 40
-"""Scans that set the limits; with fewer, all of them do, and nothing is flagged below `LEAST`."""
+"""Scans among which those are that set the limits: all of them, unless something changes there."""
 LEAST: Final = 8
+"""With fewer scans nothing is flagged."""
+CHANGE_CHANCE: Final = 0.01
+"""Chance, at most, that a change is seen among the first scans of a steady scanner."""
 MEAN_RANGE: Final = 2.0 / np.sqrt(np.pi)
-"""Mean difference of two normal values, in standard deviations."""
+MEDIAN_RANGE: Final = 0.9539
+"""Mean and median difference of two normal values, in standard deviations."""
 WEIGHT: Final = 0.1
 """Of the newest value in the moving average."""
 WIDTH: Final = 2.814
@@ -32,7 +37,9 @@ one standard deviation found after 10 (J. M. Lucas and M. S. Saccucci 1990, Tech
 LEAP: Final = 3.0
 """Half width of the limits of single values: were these known, one false alarm in 370 scans."""
 RANGE_EFFICIENCY: Final = 0.62
-"""Degrees of freedom of a standard deviation from moving ranges, as a share of those of the usual one."""
+MEDIAN_EFFICIENCY: Final = 0.3
+"""Degrees of freedom of a standard deviation from moving ranges, their mean and their median, as a share of those of
+the usual one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +52,8 @@ class ControlChart:
     values: FloatArray
     center: float
     sigma: float
-
-    @property
-    def baseline(self) -> int:
-        """How many scans set the limits."""
-        return min(len(self.values), BASELINE)
+    baseline: int
+    """How many scans set the limits."""
 
     @property
     def moving_average(self) -> FloatArray:
@@ -108,12 +112,41 @@ class ControlChart:
 
 
 def control_chart(scanner: str, quantity: str, days: Sequence[str], values: Sequence[float]) -> ControlChart:
-    """Chart the values of one scanner in the order of their days; the first `BASELINE` set the limits."""
+    """Chart the values of one scanner in the order of their days; the first ones set the limits (`BASELINE`)."""
     order = np.argsort(np.array(days), kind="stable")
     sorted_values = np.asarray(values, dtype=np.float64)[order]
-    start = sorted_values[:BASELINE]
-    ranges = np.abs(np.diff(start))
+    base = _unchanged(sorted_values[:BASELINE])
+    ranges = np.abs(np.diff(base))
     sigma = float(ranges.mean() / MEAN_RANGE) if len(ranges) else 0.0
-    return ControlChart(
-        scanner, quantity, tuple(days[n] for n in order), sorted_values, float(start.mean()), sigma
-    )
+    in_order = tuple(days[n] for n in order)
+    return ControlChart(scanner, quantity, in_order, sorted_values, float(base.mean()), sigma, len(base))
+
+
+def _unchanged(values: FloatArray) -> FloatArray:
+    """Return what precedes the changes among ``values`` (N,), or what follows where that is too short to judge by."""
+    while before := _change(values):
+        is_enough = before >= LEAST or 2 * before >= len(values)
+        values = values[:before] if is_enough else values[before:]
+    return values
+
+
+def _change(values: FloatArray) -> int:
+    """Return how many of ``values`` (N,) precede the likeliest change of their mean; 0 where there is no sure one.
+
+    The largest difference between means before and after, in its standard deviations (D. M. Hawkins 1977, J. Am. Stat.
+    Assoc. 72:180), is judged at a level shared by all places. A leap hardly changes the median of the moving ranges.
+    """
+    from scipy.special import stdtrit
+
+    count = len(values)
+    if count < 2:
+        return 0
+    before = np.arange(1, count)
+    sums = np.cumsum(values)
+    apart = np.abs(sums[:-1] / before - (sums[-1] - sums[:-1]) / (count - before))
+    scores = apart / np.sqrt(1.0 / before + 1.0 / (count - before))
+    likeliest = int(np.argmax(scores))
+    freedom = MEDIAN_EFFICIENCY * (count - 1)
+    width = -stdtrit(freedom, CHANGE_CHANCE / 2.0 / (count - 1))
+    sigma = float(np.median(np.abs(np.diff(values)))) / MEDIAN_RANGE
+    return likeliest + 1 if scores[likeliest] > width * sigma else 0

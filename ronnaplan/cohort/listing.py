@@ -30,6 +30,7 @@ FIRST_FOLDER: Final = f"(SELECT files.folder FROM files WHERE files.series = ser
 """Where a series lies."""
 PARTLY: Final = "some of its files cannot be read"
 """What the index has of an archive of which some members are missing."""
+NESTED: Final = "an archive within an archive is not unpacked; unpack the outer one"
 
 Item = TypeVar("Item")
 
@@ -167,7 +168,7 @@ def _looked_into(place: Place, met: Met, blob: Blob) -> _LookedInto:
     reason = why.reason
     is_nested = bool(place.archive) and is_zip
     if is_nested:
-        reason = "an archive within an archive is not unpacked; unpack the outer one"
+        reason = NESTED
     told = f"{why.name}: {reason}" if why.is_trouble or is_nested else ""
     return _LookedInto(met, None, reason, why.is_trouble, told)
 

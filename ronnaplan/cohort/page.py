@@ -8,8 +8,9 @@ from typing import Final
 
 from ronnaplan import __version__
 from ronnaplan.cohort import plots
-from ronnaplan.cohort.charts import LEAST
+from ronnaplan.cohort.charts import BASELINE, LEAST
 from ronnaplan.cohort.index import ASIDE, Index
+from ronnaplan.cohort.listing import NESTED
 from ronnaplan.cohort.summary import Row, Summary, scanner_of, summarize
 from ronnaplan.cohort.tables import MARKERS, SERIES, series_rows
 from ronnaplan.documents.files import write_atomically
@@ -19,7 +20,7 @@ from ronnaplan.text import NOTICE, printable
 PAGE: Final = "index.html"
 MOST_ROWS: Final = 15
 MOST_CHARTS: Final = 40
-UNREAD: Final = "(trouble OR (files.archive IS NOT NULL AND reason != ''))"
+UNREAD: Final = f"(trouble OR (files.archive IS NOT NULL AND reason != '') OR reason = '{NESTED}')"
 STATES: Final = {
     "done": "localized, with the number of markers that was expected, where one was",
     "refused": "refused: not the expected number, or no single answer",
@@ -104,7 +105,8 @@ def _quality(summary: Summary) -> list[str]:
     )
     text = (
         "A known phantom, scanned again and again. Points are single scans and dashed lines their limits; the line is "
-        "their moving average and the band its limits, which a drift leaves first. Limits come from the first 40 scans."
+        "their moving average and the band its limits, which a drift leaves first. Limits come from the first "
+        f"{BASELINE} scans; where something changes among these, from those before the change."
     )
     pictures = [picture(plots.chart_plot(one), f"{one.scanner}: {one.quantity}") for one in charts[:MOST_CHARTS]]
     return [section("Quality over time", [top, *few, element("p", text, "note"), *pictures])]

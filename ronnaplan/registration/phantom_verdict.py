@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ronnaplan.registration.phantom_check import CONFIDENCE, PhantomCheck
+from ronnaplan.registration.phantom_check import CONFIDENCE, PhantomCheck, Stretch
 
 
 @dataclass(frozen=True)
@@ -55,13 +55,23 @@ def reasons_against(check: PhantomCheck) -> tuple[str, ...]:
             f"errors are {error.value**0.5:.1f} times as large as stated (at least {error.low**0.5:.1f} times); "
             "if the phantom's own places are not that exact, say so with --sigma-truth"
         )
-    reasons += [_STRETCHED[one.name].format(f"{100 * one.share:+.3f} %") for one in check.worst_stretches]
+    reasons += [_stretched(one) for one in check.worst_stretches]
     return tuple(reasons)
 
 
-_STRETCHED = {
-    "in_plane": "the scan is {} too large within the slices; have the pixel size calibrated",
-    "along": "the scan is {} too long along the table; have the table feed calibrated",
+def _stretched(one: Stretch) -> str:
+    percent = 100 * one.share
+    if one.name not in _TOO:
+        return _SHEARED[one.name].format(f"{percent:+.3f} %")
+    more, less, where = _TOO[one.name]
+    return f"the scan is {abs(percent):.3f} % too {more if percent > 0 else less} {where}"
+
+
+_TOO = {
+    "in_plane": ("large", "small", "within the slices; have the pixel size calibrated"),
+    "along": ("long", "short", "along the table; have the table feed calibrated"),
+}
+_SHEARED = {
     "shear_u": "the slices slide along their rows by {} of the way along the table; check the table's direction",
     "shear_v": "the slices slide along their columns by {} of the way along the table; check the gantry tilt",
 }

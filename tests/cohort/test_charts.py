@@ -56,3 +56,26 @@ def test_days_are_put_in_order_and_too_few_scans_are_not_judged() -> None:
 
 def test_scans_that_never_differ_are_steady() -> None:
     assert chart(np.full(30, 2.0)).verdict == "steady"
+
+
+@pytest.mark.parametrize(("scans", "changed"), [(24, 13), (24, 20), (16, 8), (12, 6), (260, 30), (260, 8)])
+def test_a_change_among_the_first_scans_is_told_of_its_day(scans: int, changed: int) -> None:
+    values = 0.002 * np.random.default_rng(scans + changed).standard_normal((40, scans))
+    values[:, changed:] += 0.05
+    charts = [chart(one) for one in values]
+    at_once = [bool(one.leaps[changed:].all()) and not one.leaps[:changed].any() for one in charts]
+    assert np.mean(at_once) >= 0.9
+    late = [int(np.argmax(one.drifts)) - changed for one in charts]
+    assert np.mean([0 <= one <= 2 for one in late]) >= 0.9
+
+
+def test_a_leap_among_the_first_scans_is_told_alone() -> None:
+    for at in (0, 4, 19, 39):
+        values = 0.002 * np.random.default_rng(2).standard_normal(60)
+        values[at] += 0.05
+        assert np.flatnonzero(chart(values).leaps).tolist() == [at]
+
+
+def test_a_steady_beginning_is_hardly_ever_taken_for_changed() -> None:
+    years = np.random.default_rng(5).standard_normal((1000, 40))
+    assert np.mean([chart(year).baseline < 40 for year in years]) < 0.01

@@ -6,6 +6,7 @@ import io
 import re
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -140,3 +141,14 @@ def test_the_page_tells_which_files_could_not_be_read(tmp_path: Path) -> None:
     assert "00.dcm: it is not a DICOM file" in text
     assert "note.txt" not in text
     assert "19.dcm: " not in text
+
+
+def test_the_page_tells_of_an_archive_within_an_archive(tmp_path: Path) -> None:
+    out, outer = tmp_path / "out", tmp_path / "outer.zip"
+    out.mkdir()
+    with ZipFile(outer, "w") as archive:
+        archive.writestr("inner.zip", b"PK\x03\x04")
+    with Index(out) as index:
+        bring_up_to_date(index, [str(outer)])
+        write_page(index, out)
+    assert "outer.zip/inner.zip: an archive within an archive is not unpacked" in (out / "index.html").read_text()

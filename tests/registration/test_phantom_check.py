@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -71,6 +73,10 @@ def test_a_stretched_scan_is_told_from_one_that_is_only_noisy() -> None:
         assert abs(told[name].share - share) < 4 * told[name].standard_error + 1e-5
     assert {each.name for each in one.worst_stretches} == {"in_plane", "along", "shear_v"}
     assert not any("as large as stated" in reason for reason in reasons_against(one))
+    said = "; ".join(reasons_against(one))
+    assert re.search(r"0\.\d+ % too large within the slices", said)
+    assert re.search(r"0\.\d+ % too short along the table", said)
+    assert "-" not in said
     assert [each.is_sure for each in check(7).stretches] == [False] * 4
 
 
