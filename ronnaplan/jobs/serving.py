@@ -10,6 +10,7 @@ import queue
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, Protocol
 
 from ronnaplan.errors import RonnaplanError
@@ -45,7 +46,8 @@ def serve(
     output, sys.stdout = sys.stdout, sys.stderr  # what a library prints is no answer
 
     def tell(event: str, **facts: Any) -> None:
-        print(json.dumps({"event": event, **facts}), file=output, flush=True)
+        with suppress(BrokenPipeError):  # of a parent that was killed: this process ends, too
+            print(json.dumps({"event": event, **facts}), file=output, flush=True)
 
     threading.Thread(target=_serve, args=(orders, tell, warm_up, work, begun), daemon=True).start()
     limit_memory(memory_mib * MIB)

@@ -170,3 +170,22 @@ def test_a_run_that_is_interrupted_at_the_terminal_says_no_more_than_that(tmp_pa
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all of its group
         time.sleep(0.03)
     assert process.communicate(timeout=60)[1] == "stopped\n"
+
+
+def test_a_child_whose_parent_was_killed_ends_without_a_traceback(log: Path) -> None:
+    child = subprocess.Popen(
+        [sys.executable, "-m", FAKE, "512"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert child.stdin is not None
+    assert child.stdout is not None
+    assert b"ready" in child.stdout.readline()
+    child.stdout.close()
+    child.stdin.write(b'{"job": 1, "series_uid": "1.4"}\n')
+    child.stdin.flush()
+    for _ in range(500):
+        if log.read_text():
+            break
+        time.sleep(0.02)
+    time.sleep(0.1)  # until it has told
+    assert child.communicate(timeout=20)[1] == b""
+    assert child.returncode == 0
