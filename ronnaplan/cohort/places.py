@@ -122,7 +122,7 @@ class Place:
             from fsspec.core import url_to_fs
 
             files, path = url_to_fs(disk_name(self.root))
-        except (ImportError, ValueError) as error:
+        except Exception as error:  # each store's library has errors of its own
             raise InputError(f"{printable(self.root)} cannot be opened ({printable(error)})") from error
         return files, path.rstrip("/")
 
@@ -173,7 +173,8 @@ class Place:
     def below(self, path: str) -> str:
         """Return, of a whole path, what is below this root; "" for an empty path and the root itself."""
         separator = "/" if self.is_remote else os.sep
-        return kept_name(path[len(self._base.rstrip(separator)) + 1 :].replace(separator, "/"))
+        below = path[len(self._base.rstrip(separator)) :]
+        return kept_name(below.removeprefix(separator).replace(separator, "/"))  # members of an archive have none
 
     def members(self, skipped: list[Skipped]) -> Iterator[tuple[Met, Blob]]:
         """Yield every file of an archive; raises `InputError` where it cannot be read."""

@@ -90,13 +90,11 @@ class _Workers:
 def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
     """Give a Dask client: of the scheduler, or of as many threads here, each with a child process that works.
 
-    Raises `InputError` where Dask is not installed or no scheduler answers.
+    Raises `InputError` where no scheduler answers.
     """
-    try:
-        import dask
-        import distributed
-    except ImportError as error:
-        raise InputError("Dask is not installed; install ronnaplan[cohort]") from error
+    import dask
+    import distributed
+
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # a lost scheduler is told in one sentence
     if scheduler is None:
         logging.getLogger("distributed.worker").setLevel(logging.ERROR)  # nor what Ctrl-C interrupts

@@ -73,11 +73,7 @@ Row = dict[str, Any]
 
 
 def write_tables(index: Index, out: Path) -> None:
-    """Write both tables anew from the index; raises `InputError` where they cannot be, or pyarrow is not installed."""
-    try:
-        import pyarrow  # noqa: F401
-    except ImportError as error:
-        raise InputError("pyarrow is not installed; install ronnaplan[cohort]") from error
+    """Write both tables anew from the index; raises `InputError` where they cannot be."""
     _write(out / SERIES, {**_WHERE, **_OUTCOME, **_SCAN, **_SOFTWARE}, (row for row, _ in _results(index)))
     markers = (row for series, found in _results(index) for row in _marker_rows(series, found))
     _write(out / MARKERS, {**_WHERE, **_MARKER, **_SCAN, **_SOFTWARE}, markers)

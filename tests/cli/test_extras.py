@@ -17,6 +17,8 @@ from tests import cases
         (["view", str(cases.CT)], "aiohttp", "planner"),
         (["view", "--root", "."], "trame", "planner"),
         (["view", "--peer", "A@127.0.0.1:1"], "pynetdicom", "node"),
+        (["cohort", ".", "-o", "out"], "distributed", "cohort"),
+        (["cohort", ".", "-o", "out"], "pyarrow", "cohort"),
         (["node", "--config", "node.toml"], "pynetdicom", "node"),
         (["node", "--config", "node.toml"], "highdicom", "node"),
         (["pull", "--from", "A@127.0.0.1:1", "--study", "1.2", "-o", "out"], "pynetdicom", "node"),

@@ -295,6 +295,14 @@ def test_what_lies_behind_a_url_is_listed_and_read_as_if_it_lay_here(
         assert np.array_equal(volume.grid.origins_mm, expected.grid.origins_mm)
 
 
+def test_what_fsspec_unpacks_is_read_to_its_first_letter(index: Index, tmp_path: Path) -> None:
+    """The names of an archive's members begin with no slash."""
+    archive = zipped(tiny(tmp_path / "in" / "a", "1"), tmp_path / "b.zip")
+    listed = bring_up_to_date(index, [f"zip://::file://{archive}"])
+    assert [listed.files, listed.skipped] == [SLICES, []]
+    assert index.rows("SELECT folder FROM series") == [("study",)]
+
+
 def test_a_series_is_described_as_its_files_are_now(index: Index, tmp_path: Path) -> None:
     def described() -> list[tuple[str, str]]:
         bring_up_to_date(index, [str(tmp_path / "in")])
@@ -338,6 +346,8 @@ def test_names_that_look_like_patterns_stand_for_themselves(index: Index, tmp_pa
 def test_a_url_that_nothing_opens_is_told(index: Index, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match="cannot be opened"):
         bring_up_to_date(index, ["nonsense://x"])
+    with pytest.raises(InputError, match="No such file"):
+        bring_up_to_date(index, ["zip://::file:///none.zip"])
 
     def failing(*_: object) -> bool:
         raise RuntimeError("no credentials")  # each store's library has errors of its own
