@@ -13,6 +13,8 @@ from ronnaplan.jobs.rules import first_fitting
 CHUNK: Final = 1000
 TO_DO_AGAIN: Final = ""
 """Settings of a series that the next run does again, whatever its own are."""
+TROUBLED: Final = "beside files that cannot be read"
+"""Settings of a series whose results are flagged for that."""
 
 
 def tasks_of(rules: Rules) -> dict[str, Task]:
@@ -25,6 +27,7 @@ def decide(index: Index, rules: Rules, tasks: Mapping[str, Task], *, again: bool
 
     A series that was set aside is tried again when its limits change, or ``again`` asks for it.
     """
+    troubled = _troubled(index)
     for chunk in _chunks(index, "1"):
         changes = []
         for series in chunk:
@@ -32,15 +35,16 @@ def decide(index: Index, rules: Rules, tasks: Mapping[str, Task], *, again: bool
             if rule is None:
                 changes.append((LEFT, "", "no rule fits", series.id))
                 continue
-            state = _state(series, tasks[rule.name].settings, rules.limits, again)
+            state = _state(series, tasks[rule.name], rules.limits, series.id in troubled, again)
             changes.append((state, rule.name, series.reason if state == series.state else "", series.id))
         with index.transaction():
             index.run_many("UPDATE series SET state = ?, rule = ?, reason = ?, attempts = 0 WHERE id = ?", changes)
 
 
-def settings_of(task: Task, limits: Limits, state: str) -> str:
-    """Return what results depend on beside the files: where there are none, the limits, too."""
-    return f"{task.settings} {limits.model_dump_json()}" if state == ASIDE else task.settings
+def settings_of(task: Task, limits: Limits, state: str, troubled: bool) -> str:
+    """Return what results depend on beside the files of their series: where there are none, the limits, too."""
+    settings = f"{task.settings} {TROUBLED}" if troubled else task.settings
+    return f"{settings} {limits.model_dump_json()}" if state == ASIDE else settings
 
 
 def orders(
@@ -48,9 +52,13 @@ def orders(
 ) -> Iterator[tuple[SeriesRow, dict[str, Any], dict[str, Any]]]:
     """Yield each waiting series with its order and its limits; their states may change meanwhile."""
     limits = rules.limits.model_dump()
+    troubled = _troubled(index)
     for chunk in _chunks(index, f"state = '{WAITING}'"):
         for series in chunk:
-            yield series, _order(index, series, tasks[series.rule]), limits
+            task = tasks[series.rule]
+            is_troubled = series.id in troubled
+            is_known = series.worked_settings == settings_of(task, rules.limits, DONE, is_troubled)
+            yield series, _order(index, series, task, is_troubled, is_known), limits
 
 
 def _texts(index: Index, series: SeriesRow) -> dict[str, str]:
@@ -60,26 +68,29 @@ def _texts(index: Index, series: SeriesRow) -> dict[str, str]:
     return {name: getattr(series, name) for name in TEXTS} | {"folder": "/".join(filter(None, folders))}
 
 
-def _state(series: SeriesRow, settings: str, limits: Limits, again: bool) -> str:
+def _troubled(index: Index) -> set[int]:
+    """Return the series beside whose files, in one folder, others cannot be read: what they are flagged for."""
+    rows = index.rows(
+        "SELECT DISTINCT series FROM files WHERE series IS NOT NULL"
+        " AND (place, folder) IN (SELECT place, folder FROM files WHERE trouble)"
+    )
+    return {series for (series,) in rows}
+
+
+def _state(series: SeriesRow, task: Task, limits: Limits, troubled: bool, again: bool) -> str:
     if series.worked_revision != series.revision:
         return WAITING
-    if series.worked_settings == settings:
+    if series.worked_settings == settings_of(task, limits, DONE, troubled):
         return DONE
-    was_aside = series.worked_settings == f"{settings} {limits.model_dump_json()}"
+    was_aside = series.worked_settings == settings_of(task, limits, ASIDE, troubled)
     return ASIDE if was_aside and not again else WAITING
 
 
-def _order(index: Index, series: SeriesRow, task: Task) -> dict[str, Any]:
+def _order(index: Index, series: SeriesRow, task: Task, troubled: bool, is_known: bool) -> dict[str, Any]:
     place = index.place_of(series.place)
     files = index.rows("SELECT folder, name, size FROM files WHERE series = ? ORDER BY folder, name", series.id)
-    troubled = index.value(
-        "SELECT 1 FROM files WHERE place = ? AND trouble AND folder IN"
-        " (SELECT DISTINCT folder FROM files WHERE series = ?) LIMIT 1",
-        series.place,
-        series.id,
-    )
     known = {}
-    if series.worked_settings == task.settings:
+    if is_known:
         known = dict(index.rows("SELECT key, content FROM parts WHERE series = ?", series.id))
     return {
         "job": series.id,
@@ -87,7 +98,7 @@ def _order(index: Index, series: SeriesRow, task: Task) -> dict[str, Any]:
         "archive": place.archive,
         "series_uid": series.series_uid,
         "files": files,
-        "troubled": troubled is not None,
+        "troubled": troubled,
         "known": known,
         "version": __version__,
         **task.order,

@@ -190,7 +190,7 @@ def work_off(
                 continue
             if outcome["is_lost"]:
                 outcome["reason"] += f", {one.attempts} times"
-            settings = settings_of(tasks[one.series.rule], rules.limits, state_of(outcome))
+            settings = settings_of(tasks[one.series.rule], rules.limits, state_of(outcome), one.order["troubled"])
             keep(index, out, one.series, TO_DO_AGAIN if outcome["state"] == GONE else settings, outcome)
             bar.update()
             _fill(client, workers, waiting, sent, queue, module)

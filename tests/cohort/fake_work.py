@@ -50,7 +50,8 @@ def work(order: dict[str, Any], tell: Tell) -> None:
             "flags": [],
         }
         told = {"found": 1, "expected": None, "markers": [marker], "rejected": [], "fiducials": "{}\n"}
-        part = {"number": 1, "key": uid, "state": "done", "reason": "", "content": content, "scan": {}, **told}
+        part = {"number": 1, "key": uid, "state": "done", "reason": "", "content": content, **told}
+        part["scan"] = {"scan_flags": ["unreadable_files"] * order["troubled"]}
         tell("part", job=order["job"], **part)
     tell("ended", job=order["job"], state=DONE, reason="", peak_bytes=1)
 

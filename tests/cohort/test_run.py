@@ -90,6 +90,20 @@ def test_only_what_changed_is_done_again(tmp_path: Path, log: Path) -> None:
     assert {row["diameter_mm"] for row in table(tmp_path, "markers")} == {5.0}
 
 
+def test_a_series_is_flagged_for_files_beside_it_only_while_they_cannot_be_read(tmp_path: Path, log: Path) -> None:
+    for name in "67":
+        tiny(tmp_path / "in" / name, name)
+    copy = tmp_path / "in" / "6" / "copy.dcm"
+    copy.touch()
+    for flagged in (["unreadable_files"], [], ["unreadable_files"]):
+        copy.touch() if flagged else copy.unlink()
+        cohort(tmp_path)
+        assert [row["scan_flags"] for row in table(tmp_path)] == [flagged, []]
+        assert begun(log)["6"] == 1
+        cohort(tmp_path)
+        assert not begun(log)
+
+
 def test_a_run_that_was_killed_goes_on_and_its_table_is_that_of_an_undisturbed_one(
     tmp_path: Path, log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
