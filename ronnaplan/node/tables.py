@@ -17,6 +17,7 @@ STYLE: Final = """
 body { font: 14px/1.45 system-ui, sans-serif; color: #1c2733; margin: 1.5rem }
 table { border-collapse: collapse; margin: .6rem 0; font-variant-numeric: tabular-nums }
 th, td { text-align: left; padding: .2rem 1rem .2rem 0; border-bottom: 1px solid #e4e9ee; vertical-align: top }
+td:first-child { white-space: nowrap } td:nth-last-child(-n+2) { overflow-wrap: anywhere; min-width: 10rem }
 th { color: #4a5a6a } .failed, .refused { color: #b3261e } form { display: inline }
 """
 

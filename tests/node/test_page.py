@@ -8,6 +8,7 @@ import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,6 +17,7 @@ from ronnaplan.node.logs import Log
 from ronnaplan.node.page import Page
 from tests.node.peers import configuration
 from tests.node.test_series import facts
+from tests.planner.browser import looking, needs_browser
 
 
 @pytest.fixture
@@ -93,3 +95,20 @@ def test_figures_are_in_prometheus_format(page: Page) -> None:
     assert all(line.fullmatch(one) for one in content.splitlines())
     assert "ronnaplan_instances 1" in content
     assert 'ronnaplan_jobs{state="refused"} 1' in content
+
+
+@needs_browser
+def test_long_uids_and_paths_do_not_drive_the_page_off_the_screen(page: Page, tmp_path: Path) -> None:
+    uid = "1.2.826.0.1.3680043.8.498." + "7" * 38
+    with Index(configuration(tmp_path).data) as index:
+        index.run("UPDATE series SET series_uid = ?", uid)
+        index.run("UPDATE jobs SET reason = ?", f"/var/lib/ronnaplan/node-data/instances/{uid}/{uid} is no volume")
+
+    def width(tab: Any) -> int:
+        tab.set_viewport_size({"width": 1280, "height": 800})
+        tab.goto(f"http://127.0.0.1:{page.port}/?token={page.token}")
+        return int(tab.evaluate("document.documentElement.scrollWidth"))
+
+    with looking() as look:
+        measured = look(width)
+    assert measured <= 1280
