@@ -108,7 +108,10 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Return what a command line says; its ``run`` does it. Raises `UsageError`."""
     given = sys.argv[1:] if arguments is None else arguments
     named = [verb for verb in VERBS if verb in given[:1]]
-    return _parser(named or VERBS).parse_args(given)
+    parsed = _parser(named or VERBS).parse_args(given)
+    if vars(parsed).get("output") == "-":  # by which other programs mean standard output
+        raise UsageError("-o - names no file; leave -o out for standard output, where that is its default")
+    return parsed
 
 
 def _require_inputs_kept(given: Mapping[str, object]) -> None:
