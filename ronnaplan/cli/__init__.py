@@ -16,8 +16,8 @@ from typing import Any
 
 from ronnaplan import __version__
 from ronnaplan.cli.output import discard_output, guarded_output
-from ronnaplan.errors import RonnaplanError, UsageError
-from ronnaplan.text import NOTICE
+from ronnaplan.errors import InputError, RonnaplanError, UsageError
+from ronnaplan.text import NOTICE, printable
 
 VERBS = (
     *("series", "localize", "plan", "track", "register", "view", "report", "export", "robot"),
@@ -89,6 +89,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             # The reader of our output (head, less) went away: not an error, and nothing more can be written.
             discard_output()
             return 0
+        except OSError as error:
+            if error.filename is None:
+                raise
+            # Even to ask whether a file exists fails in a folder that is closed to this user, or with too long a name.
+            named = printable(os.fsdecode(error.filename))
+            print(f"ronnaplan: {named}: {error.strerror}; name another path, or get access to it", file=sys.stderr)
+            return InputError.exit_status
         except KeyboardInterrupt:
             print("ronnaplan: stopped; no file was left half-written", file=sys.stderr)
             return 130

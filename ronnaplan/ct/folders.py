@@ -29,7 +29,9 @@ def blobs_below(path: Path, limits: Limits, skipped: list[Skipped], without: Pat
         is_zip = stat.S_ISREG(status.st_mode) and is_archive(path)
     except FileNotFoundError as error:
         raise InputError(f"there is no file or folder {printable(path)}") from error
-    except (OSError, ValueError) as error:
+    except OSError as error:
+        raise InputError(f"{printable(path)} cannot be opened ({error.strerror})") from error
+    except ValueError as error:
         raise InputError(f"{printable(path)} cannot be opened ({printable(error)})") from error
     if stat.S_ISDIR(status.st_mode):
         left_out = () if without is None else (without,)

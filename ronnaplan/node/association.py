@@ -36,29 +36,27 @@ def associated(
 
     Raises `InputError` where it comes to none.
     """
-    set_up_pynetdicom()
-    entity = AE(config.titles[0])
-    entity.maximum_pdu_size = LARGEST_PDU
-    silent_s = config.limits.silent_s
-    entity.connection_timeout = entity.acse_timeout = entity.dimse_timeout = entity.network_timeout = silent_s
-    for sop_class in (*classes, *provided):
-        entity.add_requested_context(sop_class, list(SYNTAXES))
+    entity = _asking(config, (*classes, *provided))
     back = {str(one.abstract_syntax) for one in stored}
     encrypted = (context(config.tls, config.home, server=False), peer.host) if peer.tls and config.tls else None
-    association = entity.associate(
-        peer.host,
-        peer.port,
-        ae_title=peer.title,
-        max_pdu=LARGEST_PDU,
-        contexts=[*entity.requested_contexts, *stored],
-        ext_neg=[build_role(sop_class, scp_role=True) for sop_class in (*provided, *back)],
-        tls_args=encrypted,
-        evt_handlers=list(handlers),
-    )
+    named = f"{peer.name} ({peer.title} at {peer.host}:{peer.port})"
+    try:
+        association = entity.associate(
+            peer.host,
+            peer.port,
+            ae_title=peer.title,
+            max_pdu=LARGEST_PDU,
+            contexts=[*entity.requested_contexts, *stored],
+            ext_neg=[build_role(sop_class, scp_role=True) for sop_class in (*provided, *back)],
+            tls_args=encrypted,
+            evt_handlers=list(handlers),
+        )
+    except (OSError, UnicodeError) as error:
+        raise InputError(f"{named} cannot be reached: no host of this name is known; check its address") from error
     try:
         if not association.is_established:
             how = "refused the association" if association.is_rejected else "cannot be reached"
-            raise InputError(f"{peer.name} ({peer.title} at {peer.host}:{peer.port}) {how}")
+            raise InputError(f"{named} {how}")
         Checkpoint(association).guard()
         yield association
     finally:
@@ -66,6 +64,18 @@ def associated(
             association.release()
         else:
             association.abort()
+
+
+def _asking(config: Config, classes: Sequence[str]) -> AE:
+    """Return this side, which asks for ``classes``."""
+    set_up_pynetdicom()
+    entity = AE(config.titles[0])
+    entity.maximum_pdu_size = LARGEST_PDU
+    silent_s = config.limits.silent_s
+    entity.connection_timeout = entity.acse_timeout = entity.dimse_timeout = entity.network_timeout = silent_s
+    for sop_class in classes:
+        entity.add_requested_context(sop_class, list(SYNTAXES))
+    return entity
 
 
 class Checkpoint(threading.Event):

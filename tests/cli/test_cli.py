@@ -204,6 +204,27 @@ def test_no_file_that_is_read_is_replaced(
     assert (tmp_path / "readings.csv").read_text() == "x,y,z\n"
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="the system has other words for it")
+@pytest.mark.parametrize(
+    "command",
+    [
+        "report {name} -o r.html",
+        "export {name} --to csv",
+        "schema plan -o {name}",
+        "plan undo {name}",
+        "phantom water-disc --scanner fast --from 0 --to 3 --matrix 32 -o {name}",
+        "series {name}",
+    ],
+)
+def test_a_name_that_the_system_cannot_even_look_up_is_told(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, out, told = run(command.format(name="n" * 300).split(), capsys)
+    assert (status, out, told.count("\n")) == (1, "", 1)
+    assert "File name too long" in told
+    assert "Errno" not in told
+
+
 def test_a_result_may_be_replaced_by_a_newer_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -153,6 +153,19 @@ def test_an_archive_that_is_not_there_is_told(tmp_path: Path) -> None:
     assert "cannot be reached" in done.stderr
 
 
+@pytest.mark.parametrize("host", ["nohost", "a..b"])
+def test_an_archive_whose_host_is_not_known_is_told(
+    host: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unknown(name: str, *_: object, **__: object) -> None:
+        name.encode("idna")
+        raise socket.gaierror(socket.EAI_NONAME, "Name or service not known")
+
+    monkeypatch.setattr(socket, "getaddrinfo", unknown)
+    with pytest.raises(InputError, match=rf"\(A at {host}:104\) cannot be reached: no host of this name"):
+        pull(Config(), peer_at(f"A@{host}:104", Config()), Wanted("1.2"), tmp_path / "out")
+
+
 def test_a_dicomweb_archive_that_is_not_there_is_told_at_once_and_in_a_sentence(tmp_path: Path) -> None:
     begun, port = time.monotonic(), free_port()
     with pytest.raises(InputError) as told:
