@@ -44,7 +44,10 @@ GIVEN = "_given"
 
 
 class _Once(argparse.Action):
-    """Keeps an option's value; the option given again is wrong usage, for argparse would keep the last silently."""
+    """Keeps an option's value; the option given again is wrong usage, for argparse would keep the last silently.
+
+    So is an empty one, as a script's variable that is not set leaves it: it would count as none.
+    """
 
     def __call__(
         self,
@@ -56,6 +59,8 @@ class _Once(argparse.Action):
         given: set[str] = vars(namespace).setdefault(GIVEN, set())
         if option is not None and self.dest in given:
             raise argparse.ArgumentError(self, "is given twice; give it once")
+        if values == "":
+            raise argparse.ArgumentError(self, "is empty; say what it is, or leave it out")
         given.add(self.dest)
         setattr(namespace, self.dest, values)
 

@@ -159,6 +159,8 @@ def test_a_bad_call_ends_in_one_sentence_and_writes_nothing(
         (["phantom", "x", "--padding", "1_0"], 2, "no number"),
         (["localize", "{ct}", "--diameter", "11.5", "--report", "sheet.txt"], 2, "the contact sheet is a .png"),
         (["localize", "{ct}", "--diameter", "11.5", "-o", "/nowhere/at/all.json"], 1, "does not exist"),
+        (["plan", "check", "", "--ct", "{ct}"], 2, "PLAN: is empty"),
+        (["plan", "check", "plan.json", "--ct", "{ct}", "--fiducials", ""], 2, "--fiducials: is empty"),
         (["localize", "{ct}", "--diameter", "11.5", "-o", "-"], 2, "leave -o out for standard output"),
         (["localize", "{ct}/a\x1b[31mb", "--diameter", "11.5"], 1, r"a\x1b[31mb"),
     ],
