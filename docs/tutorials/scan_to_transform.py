@@ -3,7 +3,7 @@
 #
 # Read the scan that comes with the source (run this in the source's folder, or give `read_ct` another path), find its
 # markers, pair them with a tracker's readings, register, see the error to expect, and write all of it to files. Every
-# block below was run when this page was made.
+# block below was run when this page was made. The tables need the extra `arrays` (`python -m pip install ".[arrays]"`).
 
 # %%
 from ronnaplan import find_markers, localize, read_ct, read_recording, register_markers
