@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import Trajectory
 from ronnaplan.planning.sampling import SliceSampler
-from ronnaplan.scene.cut import Cut
+from ronnaplan.scene.cut import Cut, axes_along, axes_beside
 from ronnaplan.scene.sampled import values_hu
 
 Shades = NDArray[np.uint8]
@@ -55,11 +55,9 @@ PATH_VIEWS = ("inline", "second", ACROSS)
 
 def path_axes(view: str, trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
     """Return right and down of a path view; in both that hold it the entry is above, the target below."""
-    inward = trajectory.inward
-    side = np.cross(inward, np.eye(3)[np.argmin(np.abs(inward))])
-    side /= np.linalg.norm(side)
-    other = np.cross(inward, side)
-    return (side, other) if view == ACROSS else (side if view == "inline" else other, inward)
+    if view == ACROSS:
+        return axes_along(trajectory.inward)
+    return axes_beside(trajectory.inward)[PATH_VIEWS.index(view)], trajectory.inward
 
 
 def picture(scan: SliceSampler, cut: Cut, window_hu: tuple[float, float], shape: tuple[int, int]) -> Shades:

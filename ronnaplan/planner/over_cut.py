@@ -14,7 +14,7 @@ from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
 from ronnaplan.planning.contacts import contact_paths
-from ronnaplan.scene.cut import Cut
+from ronnaplan.scene.cut import Cut, letters
 from ronnaplan.scene.things import MARKER_COLOUR, PROPOSED_COLOUR, REJECTED_COLOUR, TOOL_COLOUR
 from ronnaplan.text import isolated
 
@@ -48,12 +48,6 @@ TITLES = {
     "probe": "probe's eye, {:.1f} mm deep",
 }
 STANDARD_NAMES = ("axial", "coronal", "sagittal")
-
-AXIS_LETTERS = ("LR", "PA", "SI")
-"""What the positive and the negative ends of the LPS axes are called."""
-
-LEAST_SHARE = 0.35
-"""An edge is named after every axis that its direction has this share of."""
 
 SCALES_MM = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0)
 LONGEST_SCALE = 0.3
@@ -108,23 +102,18 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
     }
 
 
-def letters(direction: FloatArray) -> str:
-    """Return towards what of the patient a unit vector (3,) in LPS leads.
-
-    >>> letters(np.array([0.0, 0.0, -1.0])), letters(np.array([0.6, -0.8, 0.0]))
-    ('I', 'AL')
-    """
-    order = np.argsort(-np.abs(direction))
-    named = [axis for axis in order if abs(direction[axis]) > LEAST_SHARE]
-    return "".join(AXIS_LETTERS[axis][0 if direction[axis] > 0 else 1] for axis in named)
-
-
 def _title(state: PlannerState, view: str, cut: Cut) -> str:
     if view in STANDARD_NAMES:
-        return f"{view}  {state.look.crosshair_mm @ np.abs(cut.away):.1f} mm{_missing(state, cut)}"
+        return f"{view}  {_level(float(state.look.crosshair_mm @ cut.away), cut)}{_missing(state, cut)}"
     assert state.look.chosen is not None
     depth = float((cut.center_mm - state.look.chosen.entry_mm) @ state.look.chosen.inward)
     return TITLES[view].format(depth if view == ACROSS else isolated(state.look.chosen.name))
+
+
+def _level(away_mm: float, cut: Cut) -> str:
+    """Return where a cut lies, by its side of the scan's origin: a sign is another side to those who think in RAS."""
+    side = letters(cut.away * np.sign(away_mm)) if round(away_mm, 1) else ""
+    return f"{side} {abs(away_mm):.1f} mm".lstrip()
 
 
 def _missing(state: PlannerState, cut: Cut) -> str:

@@ -18,7 +18,7 @@ from ronnaplan.scene.camera import Camera
 from ronnaplan.scene.files import view, viewer
 from ronnaplan.scene.names import Names, Room
 from ronnaplan.scene.picture import Shades
-from ronnaplan.scene.things import Thing
+from ronnaplan.scene.things import REJECTED, Thing
 from ronnaplan.scene.vtk import Workshop
 from ronnaplan.text import isolated
 
@@ -95,7 +95,9 @@ def script(seen: View | None) -> str:
 
 
 def _head(seen: View, *, turns: bool) -> str:
-    caption = "the head from the front; each trajectory is named at its entry"
+    caption = "the head from the front, its left on the right; each trajectory is named at its entry"
+    if any(one.name == REJECTED for one in seen.things):
+        caption += "; red: candidates that were rejected as markers"
     if not turns:
         return f'<div class="head">{picture(seen.still_png, caption)}</div>'
     shown = f'<div class="scene">{view(seen.things, caption, seen.still_png)}</div>'

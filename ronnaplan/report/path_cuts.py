@@ -9,13 +9,15 @@ from numpy.typing import NDArray
 
 from ronnaplan.ct import CTVolume
 from ronnaplan.ct.sampling import sampled
-from ronnaplan.geometry import FloatArray, unit
+from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import Measures, Trajectory
 from ronnaplan.planning.contacts import contact_paths
 from ronnaplan.report.picture import WINDOW_HU, png
+from ronnaplan.scene.cut import axes_beside, letters
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 PIXEL_MM = 0.5
 REACH_MM = 30.0
@@ -32,12 +34,23 @@ LEFT_IN, RIGHT_IN, BELOW_IN, ABOVE_IN, GAP_IN = 0.8, 1.0, 0.65, 0.1, 0.15
 
 CONTACT_COLOUR = "#00e5ff"
 
+PROFILE_COLOUR = "#1c2730"
+"""Trajectories have colours that are seen on a scan; on white paper some are not."""
+
+SIDE_SHARE = 0.03
+"""Towards which side of the patient an edge of a cut lies is written so far from it, in widths of the cut."""
+
 LETTERS_PT = 12
 """On paper the picture is three quarters as large."""
 
 
 def path_picture(volume: CTVolume, measured: Measures) -> bytes:
     """Draw a measured trajectory in its scan; returns a PNG."""
+    return png(path_figure(volume, measured))
+
+
+def path_figure(volume: CTVolume, measured: Measures) -> Figure:
+    """Return two cuts that hold a measured trajectory, seen as standard cuts are, and the HU along it."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -55,21 +68,14 @@ def path_picture(volume: CTVolume, measured: Measures) -> bytes:
         place = (left_in / WIDTH_IN, BELOW_IN / high_in, wide_in / WIDTH_IN, down_in / high_in)
         panes.append(figure.add_axes(place))
         left_in += wide_in + GAP_IN
-    for axes, sideways in zip(panes, sideways_axes(path), strict=False):
+    for axes, sideways in zip(panes, axes_beside(path.inward), strict=False):
         _draw_cut(axes, volume, path, sideways)
     panes[0].set_ylabel("depth, mm", fontsize=LETTERS_PT)
     _draw_profile(panes[2], measured)
     for axes in panes:
         axes.tick_params(labelsize=LETTERS_PT, labelleft=axes is panes[0])
         axes.set_ylim(deepest, -BEYOND_MM)
-    return png(figure)
-
-
-def sideways_axes(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
-    """Return two unit vectors (3,) across the path, at right angles to each other."""
-    least = np.eye(3)[np.argmin(np.abs(trajectory.inward))]
-    first = unit(np.cross(trajectory.inward, least))
-    return first, np.cross(trajectory.inward, first)
+    return figure
 
 
 def path_cut(volume: CTVolume, trajectory: Trajectory, sideways: FloatArray) -> NDArray[np.float32]:
@@ -95,12 +101,26 @@ def _draw_cut(axes: Axes, volume: CTVolume, trajectory: Trajectory, sideways: Fl
             float((contact.entry_mm - trajectory.entry_mm) @ trajectory.inward),
         )
         axes.add_patch(Rectangle((-wide / 2, upper), wide, contact.length_mm, color=CONTACT_COLOUR, zorder=3))
+    for place, towards in ((SIDE_SHARE, -sideways), (1.0 - SIDE_SHARE, sideways)):
+        _name_side(axes, place, letters(towards))
     axes.set_xlabel("across, mm", fontsize=LETTERS_PT)
+
+
+def _name_side(axes: Axes, place: float, side: str) -> None:
+    """Write towards which side of the patient an edge lies, at a share of the cut's width, in its middle."""
+    from matplotlib.patheffects import withStroke
+
+    axes.text(
+        *(place, 0.5, side),
+        transform=axes.transAxes, color="white", fontsize=LETTERS_PT, fontweight="bold",
+        ha="left" if place < 0.5 else "right", va="center",
+        path_effects=[withStroke(linewidth=2.5, foreground="black")],
+    )  # fmt: skip
 
 
 def _draw_profile(axes: Axes, measured: Measures) -> None:
     """Draw the HU along the path, and where it crosses scalp and skull."""
-    axes.plot(measured.profile_hu, measured.profile_mm, color=measured.trajectory.colour, linewidth=1.8)
+    axes.plot(measured.profile_hu, measured.profile_mm, color=PROFILE_COLOUR, linewidth=1.8)
     axes.set_xlabel("HU along the path", fontsize=LETTERS_PT)
     axes.grid(color="#e4e9ee")
     crossings = measured.crossings

@@ -40,6 +40,9 @@ THINNEST_MM: Final = 0.5
 TARGET_MM: Final = 2.0
 """Radius of the ball at a target."""
 
+REJECTED: Final = "rejected"
+"""What candidates are called that were turned down."""
+
 REJECTED_MM: Final = 2.5
 """Half width of what stands for a rejected candidate."""
 
@@ -155,7 +158,7 @@ def tracker(ct_from_ots: FloatArray) -> Thing:
 
 def rejected(centers_mm: Sequence[FloatArray]) -> Thing:
     """Return what stands for the candidates that were turned down, at places (3,) in LPS mm."""
-    return Thing("rejected", specks(np.array(centers_mm).reshape(-1, 3), REJECTED_MM), rgb(REJECTED_COLOUR))
+    return Thing(REJECTED, specks(np.array(centers_mm).reshape(-1, 3), REJECTED_MM), rgb(REJECTED_COLOUR))
 
 
 def path(one: Trajectory, measured: Measures | None = None) -> list[Thing]:

@@ -7,7 +7,7 @@ import pytest
 
 from ronnaplan.errors import UsageError
 from ronnaplan.planner.actions import Actions
-from ronnaplan.planner.over_cut import letters, over_cut
+from ronnaplan.planner.over_cut import over_cut
 from ronnaplan.planner.panels import under_line
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.pixels import Pixel
@@ -51,8 +51,22 @@ def test_edges_scale_and_reach_are_those_of_the_pane(state: PlannerState, view: 
     assert over_cut(state, view, False, Pane(450.0, 450.0))["markers"] == []
 
 
-def test_an_oblique_edge_is_named_after_both_its_axes() -> None:
-    assert letters(np.array([0.1, 0.7, -0.7])) in ("PI", "IP")
+@pytest.mark.parametrize(
+    ("view", "place", "title"),
+    [
+        ("axial", [0.0, 0.0, 28.0], "axial  S 28.0 mm"),
+        ("axial", [0.0, 0.0, 0.04], "axial  0.0 mm"),
+        ("coronal", [0.0, -3.0, 28.0], "coronal  A 3.0 mm"),
+        ("sagittal", [4.0, 0.0, 28.0], "sagittal  L 4.0 mm"),
+        ("sagittal", [-4.0, 0.0, 28.0], "sagittal  R 4.0 mm"),
+    ],
+)
+def test_a_cut_tells_on_which_side_it_lies_without_a_sign(
+    state: PlannerState, view: str, place: list[float], title: str
+) -> None:
+    """A sagittal cut at 4.0 mm would lie on the left by LPS, and on the right by RAS."""
+    state.look.jump(place)
+    assert over_cut(state, view, False, Pane())["title"] == title
 
 
 def test_a_drag_to_the_right_widens_the_window_and_one_up_raises_it(state: PlannerState) -> None:
