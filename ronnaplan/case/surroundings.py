@@ -161,6 +161,11 @@ class Surroundings:
         except RonnaplanError as error:  # a limit on what is not known here
             return Judgement(measured, problem=str(error))
 
+    def knows(self, trajectory: Trajectory, plan: Plan) -> bool:
+        """Whether to judge ``trajectory`` takes no long time, for it was measured as it is now."""
+        known = self._measured.get(trajectory.name)
+        return known is not None and known.serves(trajectory, plan, rough=False)
+
     def judge_all(self, plan: Plan) -> tuple[Judgement, ...]:
         """Judge all trajectories of a plan, in its order; `judge` then has them ready."""
         return tuple(self.judge(one, plan) for one in plan.trajectories)

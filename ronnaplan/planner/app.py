@@ -75,7 +75,9 @@ class PlannerApp:
         """Whether a page asked for the start page."""
         self.working = Working(self.tell_all, self._told, self.refresh)
         state.start = self.working.start
-        self.judging = Judging(state.case, self.refresh)
+        self.judging = Judging(
+            state.case, self.refresh, lambda: {tab.state.look.selected for tab in self.tabs.values()}
+        )
         state.following.notify = self._tools_moved
         self._tools_due = False
         self._loop: asyncio.AbstractEventLoop | None = None

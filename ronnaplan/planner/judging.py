@@ -1,9 +1,12 @@
-"""Measures all trajectories beside the pages, so that what is asked of one of them later takes no long time."""
+"""Measures all trajectories beside the pages, so that what is asked of one of them later takes no long time.
+
+Those that are looked at come first: of a plan of two hundred the others take half a minute on a busy machine.
+"""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 from ronnaplan.case.edits import OpenCase
 from ronnaplan.case.surroundings import Surroundings
@@ -15,9 +18,14 @@ FIRST_LOOK_S = 0.3
 class Judging:
     """Begins once the first picture is seen, and again whenever what is measured against has changed."""
 
-    def __init__(self, case: OpenCase, done: Callable[[], None]) -> None:
-        """Measure the trajectories of ``case``; ``done`` is called after each time."""
-        self.case, self.done = case, done
+    def __init__(
+        self, case: OpenCase, done: Callable[[], None], looked_at: Callable[[], Collection[str | None]]
+    ) -> None:
+        """Measure the trajectories of ``case``, those whose names are ``looked_at`` first.
+
+        ``done`` is called after each of those, and when all are measured.
+        """
+        self.case, self.done, self.looked_at = case, done, looked_at
         self._begun = False
         self._task: asyncio.Task[None] | None = None
         self._against: Surroundings | None = None
@@ -40,8 +48,21 @@ class Judging:
 
     async def _measure(self) -> None:
         while not self.is_done():
-            around, plan = self.case.surroundings, self.case.plan
-            await asyncio.get_running_loop().run_in_executor(None, around.judge_all, plan)
-            self._against = around
+            around = self.case.surroundings
+            if await self._measured_all(around):
+                self._against = around
         self._task = None
         self.done()
+
+    async def _measured_all(self, around: Surroundings) -> bool:
+        """Measure every trajectory against its surroundings; return whether they are still those."""
+        plan = self.case.plan
+        left = list(plan.trajectories)
+        while left and self.case.surroundings is around:
+            names = self.looked_at()
+            one = next((path for path in left if path.name in names), left[0])
+            left.remove(one)
+            await asyncio.get_running_loop().run_in_executor(None, around.judge, one, plan)
+            if one.name in names:
+                self.done()
+        return not left

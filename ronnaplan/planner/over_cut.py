@@ -13,7 +13,7 @@ from ronnaplan.planner.measuring import BESIDE_HALVES, drawn_rulers
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
-from ronnaplan.planning.contacts import contact_paths
+from ronnaplan.planning.contacts import contact_ends_mm
 from ronnaplan.scene.cut import Cut, letters
 from ronnaplan.scene.things import MARKER_COLOUR, PROPOSED_COLOUR, REJECTED_COLOUR, TOOL_COLOUR
 from ronnaplan.text import isolated
@@ -202,18 +202,15 @@ def _path(one: Trajectory, cut: Cut, pane: Pane, selected: bool) -> dict[str, An
         **look,
         **places,
         "ticks": _ticks(one, cut, pane) if selected else [],
-        "contacts": _contacts(one, cut),
+        "contacts": _contacts(one, cut) if one.electrode else [],
     }
 
 
 def _contacts(one: Trajectory, cut: Cut) -> list[dict[str, Any]]:
     """Return the ends (2, 2) on the screen of the electrode's contacts that lie near the plane, and their numbers."""
-    ends = [cut.on_screen_mm(np.stack([part.entry_mm, part.target_mm])) for part in contact_paths(one)]
-    return [
-        {"number": number, "ends": both[:, :2].tolist()}
-        for number, both in enumerate(ends, start=1)
-        if (np.abs(both[:, 2]) < NEAR_MM).all()
-    ]
+    ends = cut.on_screen_mm(contact_ends_mm(one))
+    near = np.flatnonzero((np.abs(ends[..., 2]) < NEAR_MM).all(axis=1)).tolist()
+    return [{"number": n + 1, "ends": ends[n, :, :2].tolist()} for n in near]
 
 
 def _ticks(one: Trajectory, cut: Cut, pane: Pane) -> list[dict[str, Any]]:

@@ -115,7 +115,7 @@ class Painter:
         """Tell the measures of a ``plan``, and draw it in 3-D: while an end is dragged, that of just before."""
         state, judged = self.state, Judgement(problem="measuring ...")
         chosen = next((one for one in plan.trajectories if one.name == state.look.selected), None)
-        if chosen is not None and self.measured():
+        if chosen is not None and (self.measured() or state.case.surroundings.knows(chosen, plan)):
             judged = state.case.judge(chosen)
         self.shown["chosen"] = panels.chosen_path(state, judged)
         if self.measured():

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning.head import Head
 from ronnaplan.planning.obstacles import Clearance, Kind, Obstacle, PostedMarker
@@ -27,16 +29,22 @@ class ContactMeasures:
     clearances: tuple[Clearance, ...] = ()
 
 
+def contact_ends_mm(trajectory: Trajectory) -> FloatArray:
+    """Return upper and lower edge (N, 2, 3) of every contact on the path's axis, LPS mm, the deepest first."""
+    reach_mm = trajectory.electrode.contact_mm / 2 if trajectory.electrode else 0.0
+    ends: FloatArray = trajectory.contacts_mm[:, np.newaxis] + np.outer((-reach_mm, reach_mm), trajectory.inward)
+    return ends
+
+
 def contact_paths(trajectory: Trajectory) -> list[Trajectory]:
     """Return every contact as a path of its own, from its upper to its lower edge, the deepest first."""
     electrode = trajectory.electrode
     if electrode is None:
         return []
     body = Instrument(electrode.name, electrode.diameter_mm, electrode.contact_mm)
-    reach = trajectory.inward * electrode.contact_mm / 2
     return [
-        Trajectory(f"{trajectory.name} contact {n}", center - reach, center + reach, trajectory.frame, body)
-        for n, center in enumerate(trajectory.contacts_mm, start=1)
+        Trajectory(f"{trajectory.name} contact {n}", upper, lower, trajectory.frame, body)
+        for n, (upper, lower) in enumerate(contact_ends_mm(trajectory), start=1)
     ]
 
 

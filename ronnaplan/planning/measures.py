@@ -217,14 +217,24 @@ def entry_doubt(trajectory: Trajectory, crossings: Crossings) -> str | None:
 
 def spacings(trajectory: Trajectory, others: Sequence[Trajectory]) -> tuple[Spacing, ...]:
     """Return how near ``trajectory`` comes to each of ``others``, itself left out by name."""
-    return tuple(_spacing(trajectory, other) for other in others if other.name != trajectory.name)
-
-
-def _spacing(trajectory: Trajectory, other: Trajectory) -> Spacing:
-    trajectory.frame.require(other.frame)
-    distance, share = segment_distances(trajectory.entry_mm, trajectory.target_mm, other.entry_mm, other.target_mm)
-    clearance = float(distance) - trajectory.instrument.radius_mm - other.instrument.radius_mm
-    return Spacing(other.name, float(distance), clearance, float(share) * trajectory.length_mm)
+    beside = [one for one in others if one.name != trajectory.name]
+    for one in beside:
+        trajectory.frame.require(one.frame)
+    distances, shares = segment_distances(  # of all at once: a plan may hold hundreds
+        trajectory.entry_mm,
+        trajectory.target_mm,
+        np.array([one.entry_mm for one in beside]).reshape(-1, 3),
+        np.array([one.target_mm for one in beside]).reshape(-1, 3),
+    )
+    return tuple(
+        Spacing(
+            one.name,
+            distance,
+            distance - trajectory.instrument.radius_mm - one.instrument.radius_mm,
+            share * trajectory.length_mm,
+        )
+        for one, distance, share in zip(beside, distances.tolist(), shares.tolist(), strict=True)
+    )
 
 
 def _angle_deg(surface: Surface | None, inward: FloatArray) -> float | None:

@@ -20,17 +20,18 @@ def test_nothing_is_measured_before_the_first_look_and_all_again_after_a_change(
     measured: list[str] = []
 
     def against(name: str, then: Any = None) -> Any:
-        def judge_all(plan: str) -> None:
-            measured.append(f"{plan} against {name}")
+        def judge(path: Any, _: Any) -> None:
+            measured.append(f"{path.name} against {name}")
             case.surroundings = then or case.surroundings
 
-        return SimpleNamespace(judge_all=judge_all)
+        return SimpleNamespace(judge=judge)
 
-    case: Any = SimpleNamespace(plan="plan", surroundings=against("head", then=against("head and markers")))
+    plan = SimpleNamespace(trajectories=(SimpleNamespace(name="plan"),))
+    case: Any = SimpleNamespace(plan=plan, surroundings=against("head", then=against("head and markers")))
 
     async def look() -> None:
         done = asyncio.Event()
-        own = Judging(case, done.set)
+        own = Judging(case, done.set, tuple)
         own.soon()
         assert not measured
         await own.begin()
@@ -48,3 +49,27 @@ def test_nothing_is_measured_before_the_first_look_and_all_again_after_a_change(
         assert measured[2:] == ["plan against another"]
 
     run(look())
+
+
+def test_what_is_looked_at_is_measured_and_told_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where another one is looked at only while others are being measured."""
+    monkeypatch.setattr(judging, "FIRST_LOOK_S", 0.0)
+    happened: list[str] = []
+
+    def judge(path: Any, _: Any) -> None:
+        happened.append(path.name)
+        if path.name == "A":
+            looked_at.add("D")
+
+    looked_at = {"C", None}
+    plan = SimpleNamespace(trajectories=tuple(SimpleNamespace(name=name) for name in "ABCDE"))
+    case: Any = SimpleNamespace(plan=plan, surroundings=SimpleNamespace(judge=judge))
+
+    async def look() -> None:
+        own = Judging(case, lambda: happened.append("told"), lambda: set(looked_at))
+        await own.begin()
+        while not own.is_done():
+            await asyncio.sleep(0.01)
+
+    run(look())
+    assert happened[:8] == ["C", "told", "A", "D", "told", "B", "E", "told"]

@@ -40,3 +40,12 @@ def test_a_window_that_is_dragged_samples_no_cut_again(
         assert len(counted) > first
 
     run(drag())
+
+
+def test_a_trajectory_that_is_measured_is_told_of_while_others_still_are_measured(state: PlannerState) -> None:
+    tab = Tab(state, lambda _: None, measured=lambda: False)
+    tab.painter.refresh()
+    assert tab.shown["chosen"]["problem"] == "measuring ..."
+    state.case.judge(state.case.plan.trajectories[0])
+    tab.painter.refresh()
+    assert (tab.shown["chosen"]["problem"], tab.shown["chosen"]["measures"][0][0]) == ("", "length")

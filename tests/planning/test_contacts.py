@@ -8,7 +8,7 @@ import pytest
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.planning import Instrument, Limits, Trajectory, judge, measure
-from ronnaplan.planning.contacts import contact_paths
+from ronnaplan.planning.contacts import contact_ends_mm, contact_paths
 from ronnaplan.planning.electrodes import ELECTRODES, electrode_named
 from ronnaplan.planning.obstacles import Kind, Voxels
 from tests.planning.heads import BRAIN, SCALP, reach, scanned
@@ -50,7 +50,8 @@ def test_contacts_lie_along_the_path_from_its_target() -> None:
     first = contact_paths(path)[0]
     assert first.target_mm == pytest.approx([1.0, 2.0, 4.5])
     assert first.entry_mm == pytest.approx([1.0, 2.0, 6.0])
-    assert Trajectory("B", path.entry_mm, path.target_mm).contacts_mm.shape == (0, 3)
+    none = Trajectory("B", path.entry_mm, path.target_mm)
+    assert (none.contacts_mm.shape, contact_ends_mm(none).shape) == ((0, 3), (0, 2, 3))
 
 
 def test_the_contact_that_comes_nearest_to_a_region_is_named_with_its_own_distance() -> None:

@@ -158,8 +158,10 @@ def test_distances_between_trajectories() -> None:
     head = scanned("plain")
     first = path(np.array([0.0, 0, 10]), np.array([0.0, 0, 1]), "A")
     second = path(np.array([15.0, 0, 10]), np.array([0.0, 0, 1]), "B")
-    (spacing,) = measure(first, head, others=[first, second]).spacings
-    assert spacing.other == "B"
+    third = path(np.array([-30.0, 0, 10]), np.array([0.0, 0, 1]), "C")
+    spacing, farther = measure(first, head, others=[first, second, third]).spacings
+    assert (spacing.other, farther.other) == ("B", "C")
+    assert farther.distance_mm == pytest.approx(30.0, abs=1e-9)
     assert spacing.distance_mm == pytest.approx(15.0, abs=1e-9)
     assert spacing.clearance_mm == pytest.approx(14.2, abs=1e-9)
 
