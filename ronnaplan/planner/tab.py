@@ -44,7 +44,7 @@ def _send_nowhere(_: dict[str, Any]) -> None:
 
 
 def _nothing() -> None:
-    """Do nothing: what was told before goes away with whatever goes well."""
+    """Do nothing but answer: what was told before goes away with whatever goes well."""
 
 
 class Tab:
@@ -85,6 +85,7 @@ class Tab:
         }
         return {
             **{name: self._answering(name, checked(name, action)) for name, action in changing.items()},
+            "there": self._telling(_nothing),
             "sized": self._telling(checked("sized", self.painter.take_size)),
             "hover": self._telling(checked("hover", self._hover)),
             "move": self._answer_move(checked("move", self._actions.move)),

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from tests.planner.browser import PATIENCE_MS, Planner, needs_browser, opened, wait_until_whole
+from ronnaplan.documents.plan import read_plan
+from tests.planner.browser import PATIENCE_MS, Planner, eventually, needs_browser, opened, wait_until_whole
 
 pytestmark = needs_browser
 
@@ -44,3 +45,58 @@ def test_a_page_whose_connection_fails_or_is_cut_goes_on_by_itself(browser: Any,
     wait_until_whole(page)
     assert len(lines) == 3
     assert not page.locator("#gone").is_visible()
+
+
+ASKED = "**/planner_page/planner.css"
+"""What a page asks for to know whether the planner answers."""
+
+
+def test_a_planner_that_was_only_held_up_is_gone_on_with_and_half_a_number_is_never_entered(
+    browser: Any, running: Planner
+) -> None:
+    """The notice takes the focus from the field that is typed in, by which a browser enters what stands there."""
+    entered = running.folder / "plan.json"
+    before = entered.read_bytes()
+    page = opened(browser, running.url)
+    page.evaluate("window.before = true")
+    page.locator("#entry-x").press("Control+a")
+    page.keyboard.type("2")
+    page.route(ASKED, lambda route: route.abort())
+    page.wait_for_selector("#gone >> text=only held up")
+    page.unroute(ASKED)
+    page.wait_for_selector("#gone", state="detached")
+    page.keyboard.type("9")
+    assert page.input_value("#entry-x") == "29"
+    assert entered.read_bytes() == before
+    page.keyboard.press("Enter")
+    eventually(page, lambda: read_plan(entered).trajectories[0].entry_mm[0] == 29.0)
+    page.locator("#notes").fill("what stands there is entered though nothing more is typed")
+    page.route(ASKED, lambda route: route.abort())
+    page.wait_for_selector("#gone")
+    page.unroute(ASKED)
+    page.wait_for_selector("#gone", state="detached")
+    page.keyboard.press("Tab")
+    eventually(page, lambda: read_plan(entered).trajectories[0].notes.startswith("what stands there"))
+    assert page.evaluate("window.before")
+
+
+def test_a_page_whose_connection_was_cut_without_a_word_loads_itself_again(browser: Any, shared: Planner) -> None:
+    page, cut = browser.new_page(), []
+
+    def meet(line: Any) -> None:
+        server = line.connect_to_server()
+        server.on_message(lambda message: None if cut else line.send(message))
+
+    page.set_default_timeout(PATIENCE_MS)
+    page.route_web_socket("**/ws", meet)
+    page.goto(shared.url)
+    wait_until_whole(page)
+    page.evaluate("window.before = true")
+    cut.append(True)
+    page.route(ASKED, lambda route: route.abort())
+    page.wait_for_selector("#gone")
+    page.unroute(ASKED)
+    page.wait_for_function("!window.before")
+    cut.clear()
+    page.reload()
+    wait_until_whole(page)

@@ -125,3 +125,16 @@ def test_what_is_no_number_by_the_letter_is_refused(state: PlannerState, typed: 
         actions["placement"]("6.5")
     assert state.case.plan is before
     assert np.array_equal(before.trajectory("left").target_mm, cases.TARGET_MM)
+
+
+@needs_browser
+def test_what_is_refused_is_told_where_the_panel_is_scrolled_to(browser: Any, shared: Planner) -> None:
+    page = opened(browser, shared.url)
+    page.wait_for_selector("#measures tr")  # the panel is as long as it gets
+    page.evaluate("document.getElementById('landmark-AC').scrollIntoView()")
+    page.fill("#landmark-AC", "1, 2")
+    page.press("#landmark-AC", "Enter")
+    page.wait_for_selector("#message >> text=is no place")
+    assert page.evaluate("document.querySelector('.rp-side').scrollTop") > 60  # more than the message takes
+    seen = page.locator("#message").bounding_box()
+    assert seen["y"] >= page.locator(".rp-side").bounding_box()["y"]

@@ -1,14 +1,16 @@
 // Whether the planner can be reached, asked from the page's first moment: before anything else of it has come, and when
-// all else of it is lost. A planner that does not answer is asked for; once it answers again, its state is loaded anew.
+// all else of it is lost. A planner that does not answer is asked for; once it answers again, the page goes on where it was if
+// its socket does, else the state is loaded anew.
 (() => {
   const ASK_MS = 1000, MISSES = 3, AGAIN_MS = 5000;
   const GONE = `<h2>The planner cannot be reached</h2>
-    <p>It has ended, or does not answer. What was done is kept in the case's folder; only what was just being dragged or typed is gone.</p>
+    <p>It has ended, or does not answer. What was done is kept in the case's folder. What was dragged, typed or clicked since it last
+    answered is gone if it has ended; if it was only held up, it is taken then.</p>
     <p id="gone-how">Start it again with <kbd>ronnaplan view</kbd>: this page goes on by itself, as it does where the planner was only held
     up.</p>`;
   const ELSEWHERE = "Another planner answers here: open the address that yours printed.";
   const KEPT_OUT = "The planner answers, but took no connection from this page: it may be open in too many. Trying again ...";
-  let missed = 0, lostAt = null;
+  let missed = 0, lostAt = null, heardAt = 0;
 
   // trame's client would first ask a launcher where its socket is; there is none, and it believes the address.
   const address = new URL(location), socket = new URL("ws", document.baseURI);
@@ -22,6 +24,7 @@
     constructor(...given) {
       super(...given);
       this.addEventListener("close", () => (lostAt = performance.now()));
+      this.addEventListener("message", () => (heardAt = performance.now()));
     }
   };
   const place = () => document.getElementById("app");
@@ -33,6 +36,39 @@
     return performance.now() - lostAt > AGAIN_MS;
   }
 
+  // Whether the socket still leads to the planner: one that was cut off without a word seems open.
+  async function hears() {
+    const asked = performance.now();
+    window.trame?.trigger?.("there", []);
+    while (lostAt === null && heardAt < asked && performance.now() - asked < AGAIN_MS)
+      await new Promise((resolve) => setTimeout(resolve, ASK_MS / 10));
+    return lostAt === null && heardAt >= asked;
+  }
+
+  // What takes the focus from a field has it enter what stands there, half of a number as it may be: nothing is entered then.
+  let opening = false;
+  window.addEventListener("change", (event) => opening && event.stopImmediatePropagation(), true);
+  let half = null; // the field that was being typed in, and what stood there
+  function tellGone() {
+    const field = document.activeElement;
+    half = field?.matches("input, textarea") && field.value !== field.defaultValue ? { field, text: field.value } : null;
+    const told = Object.assign(document.createElement("dialog"), { id: "gone", className: "rp-help", innerHTML: GONE });
+    told.addEventListener("cancel", (event) => event.preventDefault()); // Escape answers for no planner
+    document.documentElement.append(told); // beside the body, whose content trame takes away when the connection is lost
+    opening = true;
+    told.showModal();
+    opening = false;
+  }
+  function goOn(told) {
+    told.close();
+    told.remove();
+    if (!half?.field.isConnected) return;
+    half.field.focus({ preventScroll: true });
+    half.field.value = half.field.defaultValue;
+    half.field.select();
+    document.execCommand("insertText", false, half.text); // as if typed again: Enter, or leaving the field, enters it
+  }
+
   async function ask() {
     const limit = AbortSignal.timeout(4 * ASK_MS); // one that is busy answers late
     const status = await fetch("planner_page/planner.css", { method: "HEAD", cache: "no-store", signal: limit }).then(
@@ -42,13 +78,10 @@
     const there = status === 200;
     missed = there ? 0 : missed + 1;
     const gone = document.getElementById("gone");
-    if (status === 404 || (there && (gone || lost()))) return location.reload(); // 404: the start page took the planner's place
+    if (status === 404 || (there && (lost() || (gone && !(await hears()))))) return location.reload(); // 404: the start page took the planner's place
+    if (there && gone) goOn(gone);
     if (gone && status === 403) gone.querySelector("#gone-how").textContent = ELSEWHERE;
-    if (missed >= MISSES && !gone) {
-      const told = Object.assign(document.createElement("dialog"), { id: "gone", className: "rp-help", innerHTML: GONE });
-      document.documentElement.append(told); // beside the body, whose content trame takes away when the connection is lost
-      told.showModal();
-    }
+    if (missed >= MISSES && !gone) tellGone();
     setTimeout(ask, ASK_MS);
   }
   setTimeout(ask, ASK_MS);
