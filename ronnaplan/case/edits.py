@@ -12,6 +12,7 @@ from ronnaplan.case.folder import Case, CaseFiles, placement_at
 from ronnaplan.case.kept_files import KeptFiles
 from ronnaplan.case.steps import MarkerStep, Steps
 from ronnaplan.case.surroundings import Judgement, Labels, Rules, Surroundings
+from ronnaplan.case.waiting import Waiting
 from ronnaplan.ct import CTVolume
 from ronnaplan.documents.agreement import disagreement
 from ronnaplan.documents.fiducials import FiducialsDocument
@@ -58,8 +59,8 @@ class OpenCase:
         self.registration: RegistrationDocument | None = case.registration
         self.surroundings: Surroundings = case.surroundings
         self.before_drag: Plan | None = None
-        self.unwritten: Callable[[], None] | None = None
-        """Makes the last change that could not be written."""
+        self.unwritten = Waiting()
+        """The change that could not be written."""
         self.followers: list[Callable[[Plan, Plan], None]] = []
         """Told of every change of the plan: as it was, and as it is."""
         self._steps = Steps()
@@ -141,24 +142,13 @@ class OpenCase:
         after = sound(before, plan, self.surroundings.head)
         try:
             self._keep_plan(after)
-        except UnwrittenError:
-            self.unwritten = lambda: self._change_plan_again(before, plan)
+        except UnwrittenError as error:
+            self.unwritten.keep(error, lambda: self._change_plan_again(before, plan))
             raise
         self._steps.add(None)
 
     def _change_plan_again(self, before: Plan, plan: Plan) -> None:
         self.change_plan(plan if self.plan is before else merged(before, plan, self.plan))
-
-    def write_again(self) -> bool:
-        """Make the change that could not be written, if there is one; return whether it was made.
-
-        Raises `UnwrittenError`, and keeps it, where it still cannot be; what else is wrong with it now ends it. Not
-        to be called while an end is dragged, which goes on from the plan as it was.
-        """
-        change, self.unwritten = self.unwritten, None
-        if change is not None:
-            change()
-        return change is not None
 
     # --- dragging --------------------------------------------------------------------------------------------
 
@@ -221,8 +211,8 @@ class OpenCase:
         before = self.found
         try:
             self.replace_markers(edited)
-        except UnwrittenError:
-            self.unwritten = lambda: self._edit_markers_again(before, edited)
+        except UnwrittenError as error:
+            self.unwritten.keep(error, lambda: self._edit_markers_again(before, edited))
             raise
 
     def _edit_markers_again(self, before: FiducialsDocument, edited: FiducialsDocument) -> None:

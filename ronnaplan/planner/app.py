@@ -178,7 +178,7 @@ class PlannerApp:
         tab = self.tabs[ASKING.get()]
         with tab.told():
             self.working.require_idle()
-            if self.state.case.unwritten is not None:
+            if self.state.case.unwritten:
                 raise UsageError("the last change is not written yet; let it be written, or give it up first")
             asyncio.get_running_loop().call_later(LEAVING_S, self.leave)
         tab.shown.flush()

@@ -207,7 +207,7 @@ class Tab:
 
     def _give_up(self) -> None:
         """Try no longer to make a change that could not be written."""
-        self.state.case.unwritten = None
+        self.state.case.unwritten.give_up()
 
     def _let_go_elsewhere(self) -> None:
         """End what another page drags, before this one changes something; its next move begins anew."""

@@ -14,14 +14,14 @@ WRITTEN = "the change that could not be written is written now"
 def write_again(case: OpenCase, tabs: Collection[Tab]) -> bool:
     """Try to write what could not be, and show on each page what waits; return whether it has to be drawn anew.
 
-    What is dragged is let go first.
+    Nothing is written while an end is dragged, which goes on from the plan as it was.
     """
     if case.dragging:
         return False
     why: RonnaplanError | None = None
     drawn = False
     try:
-        drawn = case.write_again()
+        drawn = case.unwritten.make()
         if drawn:
             for tab in tabs:
                 tab.shown.update({"message": "", "news": WRITTEN})

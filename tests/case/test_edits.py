@@ -284,13 +284,13 @@ def test_a_change_of_plan_or_markers_that_could_not_be_written_is_made_later_bes
     case, before = state.case, len(state.case.plan.trajectories)
     for change in (lambda: case.edit("left", notes="waited"), lambda: case.reject_marker("F2")):
         monkeypatch.setattr(os, "fsync", full)
-        for attempt in (change, case.write_again):
+        for attempt in (change, case.unwritten.make):
             with pytest.raises(UnwrittenError, match="No space left"):
                 attempt()
         monkeypatch.undo()
         state.add_trajectory(cases.ENTRY_MM, T)  # before the next attempt
-        assert case.write_again()
-        assert not case.write_again()
+        assert case.unwritten.make()
+        assert not case.unwritten.make()
     written = read_plan(state.storage.plan)
     assert written.trajectory("left").notes == "waited"
     assert len(written.trajectories) == before + 2
@@ -302,6 +302,27 @@ def test_a_change_of_plan_or_markers_that_could_not_be_written_is_made_later_bes
     assert "F2" in labels(state)
 
 
+def test_a_change_that_waits_is_dropped_for_no_other_one_that_cannot_be_written(
+    state: PlannerState, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = state.case
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(UnwrittenError, match="No space left"):
+        state.add_trajectory(cases.ENTRY_MM, T)
+    later: list[Callable[[], object]] = [
+        lambda: case.edit("left", notes="later"),
+        lambda: case.reject_marker("F2"),
+    ]
+    for change in later:
+        with pytest.raises(UnwrittenError, match=r"No space left.*one before it still waits.*give it up first"):
+            change()
+    monkeypatch.undo()
+    assert case.unwritten.make()
+    assert [one.name for one in read_plan(state.storage.plan).trajectories] == ["left", "T1"]
+    assert not case.unwritten.make()
+    assert (case.plan.trajectory("left").notes, "F2" in labels(state)) == ("", True)
+
+
 def test_an_edit_of_markers_that_others_replaced_meanwhile_is_not_made_later(
     state: PlannerState, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -311,8 +332,8 @@ def test_an_edit_of_markers_that_others_replaced_meanwhile_is_not_made_later(
     monkeypatch.undo()
     state.case.rename_marker("F2", "B")
     with pytest.raises(InputError, match="the markers were changed meanwhile; look"):
-        state.case.write_again()
-    assert not state.case.write_again()
+        state.case.unwritten.make()
+    assert not state.case.unwritten.make()
     assert "B" in labels(state)
 
 

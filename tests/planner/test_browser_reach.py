@@ -81,7 +81,8 @@ def test_a_planner_that_was_only_held_up_is_gone_on_with_and_half_a_number_is_ne
 
 
 def test_a_page_whose_connection_was_cut_without_a_word_loads_itself_again(browser: Any, shared: Planner) -> None:
-    page, cut = browser.new_page(), []
+    page = browser.new_page()
+    cut: list[bool] = []
 
     def meet(line: Any) -> None:
         server = line.connect_to_server()
