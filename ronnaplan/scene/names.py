@@ -9,6 +9,7 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 LETTER_EM = 0.54
@@ -19,6 +20,12 @@ ELLIPSIS = "\u2026"
 
 WIDE_EM = 1.0
 """How wide a letter of Chinese, Japanese or Korean, or `ELLIPSIS`, is, in heights of the letters."""
+
+CAPITAL_SHARE = 1.25
+"""How wide a capital letter is, in widths of an average one: many names are all capitals."""
+
+KNOWN_NAMES = 4096
+"""Of so many the letters are counted once."""
 
 LINE_EM, GAP = 1.15, 0.025
 """From one line of text to the next; and from an entry to its name, in halves of the picture's shorter side."""
@@ -45,8 +52,8 @@ class Room:
 
     def length(self, name: str) -> float:
         """Return how long a name is."""
-        wide = sum(letter == ELLIPSIS or unicodedata.east_asian_width(letter) in "WF" for letter in name)
-        return self.em * (self.letter_em * (len(name) - wide) + WIDE_EM * wide)
+        wide, capitals = _counted(name)
+        return self.em * (self.letter_em * (len(name) - wide + (CAPITAL_SHARE - 1) * capitals) + WIDE_EM * wide)
 
     def shortened(self, name: str) -> str:
         """Return what of a name takes half of the picture's width at most."""
@@ -112,12 +119,12 @@ class Names:
         """Return where a name begins or ends, ``gap`` from its place: x, y, the text's anchor and the text.
 
         It stands to the upper right, or to the left where the picture ends, lines away until it covers nothing. That of
-        a place outside the picture goes with it.
+        a place outside the picture is not written: what of it would be seen could be read as another name.
         """
         room = self.room
         text = room.shortened(name)
         if not (text and abs(x) < room.wide and abs(y) < room.high):
-            return {"x": x + gap, "y": y - gap, "anchor": "start", "text": text}
+            return {"x": x + gap, "y": y - gap, "anchor": "start", "text": ""}
         anchor, across, left = _across(x, room.length(text), gap, room.wide)
         lines = [max(y - gap, room.highest) + n * LINE_EM * room.em for n in LINES]
         boxes = {down: room.box(text, left, down) for down in lines if room.highest <= down <= room.high}
@@ -127,6 +134,13 @@ class Names:
             return {"x": across, "y": lines[0], "anchor": anchor, "text": ""}
         self._taken.append(boxes[down])
         return {"x": across, "y": down, "anchor": anchor, "text": text}
+
+
+@lru_cache(KNOWN_NAMES)
+def _counted(name: str) -> tuple[int, int]:
+    """Return how many letters of a name are as wide as high, and how many are capitals."""
+    wide = sum(letter == ELLIPSIS or unicodedata.east_asian_width(letter) in "WF" for letter in name)
+    return wide, sum(map(str.isupper, name))
 
 
 def _across(x: float, length: float, gap: float, wide: float) -> tuple[str, float, float]:

@@ -73,6 +73,8 @@ def test_long_names_stay_within_their_line_and_are_whole_in_their_title(
 ) -> None:
     """A screen of 1,280 x 800 that is enlarged twice has 640 x 400."""
     page = opened(browser, full.url, width, height)
+    page.wait_for_selector("#errors td")  # which markers an error is expected with
+    page.wait_for_selector("#broken td")
     for tab in ("Registration", "Markers", "Trajectories"):
         page.click(f".rp-tab >> text={tab}")
         page.wait_for_selector(f".rp-tab[aria-selected=true] >> text={tab}")

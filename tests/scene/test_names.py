@@ -99,9 +99,10 @@ def test_the_label_of_a_marker_is_shortened_and_stands_within_the_picture() -> N
     assert ROOM.length(long["text"]) <= ROOM.wide
 
 
-def test_the_label_of_a_place_outside_goes_with_it() -> None:
-    assert label("F1", 2.5, 0.0)["x"] > 2.5
-    assert label("F1", 0.0, -1.5)["y"] < -1.5
+def test_the_label_of_a_place_outside_is_not_written() -> None:
+    """Of "left A12" to the left of the picture "A12" would be seen, or "12"."""
+    for place in ((2.5, 0.0), (0.0, -1.5), (-2.01, 0.0)):
+        assert label("left A12", *place)["text"] == ""
 
 
 def test_labels_of_neighbouring_markers_do_not_cover_each_other() -> None:
@@ -110,15 +111,15 @@ def test_labels_of_neighbouring_markers_do_not_cover_each_other() -> None:
     names = Names(ROOM)
     first, *others = names.of_places(close)
     assert first["written"] == {"x": 0.05, "y": -0.05, "anchor": "start", "text": "F0"}
-    names.of_places([{"label": "", "x": 0.1, "y": 0.4, "r": 0.0}])
+    names.of_places([{"label": "", "x": 0.1, "y": 0.6, "r": 0.0}])
     more = names.of_places(
-        [{"label": "AC", "x": 0.03, "y": 0.0, "r": 0.05}, {"label": "PC", "x": 0.0, "y": 0.4, "r": 0.0}]
+        [{"label": "AC", "x": 0.03, "y": 0.0, "r": 0.05}, {"label": "PC", "x": 0.0, "y": 0.6, "r": 0.0}]
     )
     boxes = [ROOM.box(**one["written"]) for one in (first, *others, *more)]
     for n, one in enumerate(boxes):
         for other in boxes[:n]:
             assert one[0] >= other[2] or other[0] >= one[2] or one[1] >= other[3] or other[1] >= one[3]
-    assert more[1]["written"]["y"] == 0.4
+    assert more[1]["written"]["y"] == 0.6
 
 
 def test_neither_names_nor_labels_stand_in_the_title() -> None:
@@ -140,9 +141,14 @@ def test_no_name_is_cut_off_at_the_lower_edge() -> None:
     assert max(one["y"] for one in named) <= ROOM.high
 
 
-def test_the_name_of_an_entry_outside_goes_with_it() -> None:
-    (one,) = written(("left", 2.5, 0.0))
-    assert one["x"] > 2.5
+def test_the_name_of_an_entry_outside_is_not_written() -> None:
+    assert [one["text"] for one in written(("left", 2.5, 0.0), ("left", -2.01, 0.0))] == ["", ""]
+
+
+def test_capitals_are_counted_as_wide_as_they_are() -> None:
+    """Liberation Sans, which measures as Arial does, has an X of 0.67 and an H of 0.72 of the letters' height."""
+    assert 0.65 * 90 * ROOM.em < ROOM.length("X" * 90) < 0.75 * 90 * ROOM.em
+    assert ROOM.length("x" * 90) == pytest.approx(0.54 * 90 * ROOM.em)
 
 
 PIXELS, LINE_PIXELS, GAP_PIXELS = 800, 15, 10
@@ -188,11 +194,13 @@ def test_the_page_of_a_scene_writes_names_where_a_picture_has_them() -> None:
     lengths = [*generator.integers(3, 40, 60), 100, 130]  # the last two are shortened, and fit on neither side
     places = STEP * generator.integers(6, int(PIXELS / STEP) - 1, (len(lengths), 2))
     places[-2:, 0] = PIXELS / 2
+    places[0, 0] = -STEP  # outside
     names = [("n" * int(length), float(x), float(y)) for length, (x, y) in zip(lengths, places, strict=True)]
     pictured = left_and_base(names, room)
     written_by_page = apart(
         by_the_page, [room.length(room.shortened(name)) for name, _, _ in names], [(x, y) for _, x, y in names]
     )
+    assert pictured[0] is None
     assert [place is None for place in pictured] == [place is None for place in written_by_page]
     lines = set()
     for place, by_page, (_, _, y) in zip(pictured, written_by_page, names, strict=True):

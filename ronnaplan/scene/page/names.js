@@ -6,7 +6,7 @@ window.ronnaplanNames = (canvas) => {
   const taken = [];
   return (width, across, down) => {
     const room = canvas.clientWidth, right = across + APART, before = across - APART - width;
-    if (across < 0 || across > room || down < 0 || down > canvas.clientHeight) return [right, down - APART - LINE]; // not seen
+    if (across < 0 || across > room || down < 0 || down > canvas.clientHeight) return null; // what of it would be seen could be read as another name
     const left = right + width <= room ? right : before >= 0 ? before : Math.max(0, room - width);
     const first = Math.max(0, down - APART - LINE);
     const free = (top) => top >= 0 && top + LINE <= canvas.clientHeight && !taken.some((one) => left < one.right && one.left < left + width && top < one.top + LINE && one.top < top + LINE);
