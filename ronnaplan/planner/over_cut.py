@@ -125,7 +125,7 @@ def _missing(state: PlannerState, cut: Cut) -> str:
     below = min(max(math.floor(k), 0), len(grid.spacings_mm) - 1)
     gap_mm = float(grid.spacings_mm[below])
     between = ON_SLICE < k - below < 1.0 - ON_SLICE
-    return f", between slices {gap_mm:.1f} mm apart" if between and gap_mm > WIDE_GAP * grid.typical_gap_mm else ""
+    return f", gap {gap_mm:.1f} mm" if between and gap_mm > WIDE_GAP * grid.typical_gap_mm else ""
 
 
 def balls(state: PlannerState, show_rejected: bool) -> list[tuple[str, tuple[float, float, float], float, str]]:

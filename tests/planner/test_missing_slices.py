@@ -40,8 +40,8 @@ def test_a_cut_where_slices_are_missing_says_between_which_it_lies(lacking: Path
         middle[2] = grid.slice_positions_mm[below] + share * gap_mm
         state.look.jump(middle)
         title = over_cut(state, "axial", False, Pane())["title"]
-        assert (f"between slices {gap_mm:.1f} mm apart" in title) == told, share
-        assert "between" not in over_cut(state, "coronal", False, Pane())["title"]
+        assert (f", gap {gap_mm:.1f} mm" in title) == told, share
+        assert "gap" not in over_cut(state, "coronal", False, Pane())["title"]
 
 
 @needs_browser
