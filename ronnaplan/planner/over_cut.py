@@ -45,7 +45,7 @@ LEAST_RISE_MM = 1e-6
 TITLES = {
     "inline": "in line with {}",
     "second": "in line with {}, at right angles",
-    "probe": "probe's eye, {:.1f} mm deep",
+    "probe": "probe's eye, {:.1f} mm to target, {:.1f} deep",
 }
 STANDARD_NAMES = ("axial", "coronal", "sagittal")
 
@@ -105,9 +105,12 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
 def _title(state: PlannerState, view: str, cut: Cut) -> str:
     if view in STANDARD_NAMES:
         return f"{view}  {_level(float(state.look.crosshair_mm @ cut.away), cut)}{_missing(state, cut)}"
-    assert state.look.chosen is not None
-    depth = float((cut.center_mm - state.look.chosen.entry_mm) @ state.look.chosen.inward)
-    return TITLES[view].format(depth if view == ACROSS else isolated(state.look.chosen.name))
+    path = state.look.chosen
+    assert path is not None
+    if view != ACROSS:
+        return TITLES[view].format(isolated(path.name))
+    left, deep = (path.target_mm - cut.center_mm) @ path.inward, (cut.center_mm - path.entry_mm) @ path.inward
+    return TITLES[view].format(max(0.0, left), max(0.0, deep))  # marks of the cuts beside it count from the target
 
 
 def _level(away_mm: float, cut: Cut) -> str:

@@ -69,6 +69,16 @@ def test_a_cut_tells_on_which_side_it_lies_without_a_sign(
     assert over_cut(state, view, False, Pane())["title"] == title
 
 
+@pytest.mark.parametrize(("share", "told"), [(0.0, "71.6"), (0.75, "17.9"), (1.0, "0.0"), (2.0, "0.0")])
+def test_the_probe_s_eye_tells_how_far_the_target_is_as_the_marks_along_the_path_do(
+    state: PlannerState, share: float, told: str
+) -> None:
+    path = state.case.plan.trajectory("left")
+    state.look.jump(path.at_depth(share * path.length_mm))
+    title = over_cut(state, "probe", False, Pane())["title"]
+    assert title == f"probe's eye, {told} mm to target, {min(share, 1.0) * path.length_mm:.1f} deep"
+
+
 def test_a_drag_to_the_right_widens_the_window_and_one_up_raises_it(state: PlannerState) -> None:
     pointer = Pointer(state)
     low, high = state.look.window_hu
