@@ -14,6 +14,9 @@ from ronnaplan.planning.uncertainty import Basis, PathError
 Rows = list[tuple[str, str]]
 """What it is, and its value with the unit."""
 
+LEAST_CHANCE = 0.001
+"""What three digits tell from none."""
+
 MOST_DIGITS = 9
 """Digits after the point that a value may have to be told from its limit."""
 
@@ -21,6 +24,17 @@ MOST_DIGITS = 9
 def number(value: float | None, digits: int = 2) -> str:
     """Write a number, or a dash where there is none."""
     return "-" if value is None else f"{value:.{digits}f}"
+
+
+def chance(value: float | None) -> str:
+    """Write a chance by three digits; none that is not certain as if it were.
+
+    >>> chance(0.9994), chance(0.9996), chance(0.0004), chance(None)
+    ('0.999', '> 0.999', '< 0.001', '-')
+    """
+    if value is None or LEAST_CHANCE / 2 <= value < 1.0 - LEAST_CHANCE / 2:
+        return number(value, 3)
+    return f"< {LEAST_CHANCE}" if value < LEAST_CHANCE else f"> {1.0 - LEAST_CHANCE}"
 
 
 def place(place_mm: Iterable[float]) -> str:
@@ -85,7 +99,7 @@ def error_values(error: PathError) -> Rows:
         ("at the target", f"{error.target_rms_mm:.2f} mm RMS"),
         ("of the angle", f"{error.angular_rms_deg:.2f} deg RMS"),
         ("radius of the 95 % tube", f"at most {error.tube_mm.max():.2f} mm"),
-        (f"chance to stay within {error.tolerance_mm:g} mm", f"{error.probability:.3f}"),
+        (f"chance to stay within {error.tolerance_mm:g} mm", chance(error.probability)),
     ]
 
 

@@ -11,7 +11,7 @@ from ronnaplan.planning.measures import Measures
 from ronnaplan.planning.placement import Placement
 from ronnaplan.planning.plan import Plan
 from ronnaplan.planning.proposals import Proposals
-from ronnaplan.planning.rows import number, value_and_limit
+from ronnaplan.planning.rows import chance, number, value_and_limit
 from ronnaplan.planning.uncertainty import Expectation
 from ronnaplan.text import table
 
@@ -84,7 +84,7 @@ def _values(one: Measures) -> list[str]:
         number(error.entry_rms_mm if error else None, 2),
         number(error.target_rms_mm if error else None, 2),
         number(error.angular_rms_deg if error else None, 2),
-        number(error.probability if error else None, 3),
+        chance(error.probability if error else None),
     ]
 
 
