@@ -74,6 +74,16 @@ def test_what_is_pressed_is_seen_in_a_contrast_theme(page: Any) -> None:
     assert colours[0] != colours[1]
 
 
+def test_no_bar_of_another_length_than_the_picture_is_printed(page: Any) -> None:
+    """Paper has panes of another shape than the screen, for which the pictures were drawn."""
+    bar = page.locator(".rp-axial .rp-scale-bar")
+    shown = bar.is_visible()
+    page.emulate_media(media="print")
+    printed = bar.is_visible()
+    page.emulate_media(media="screen")
+    assert (shown, printed) == (True, False)
+
+
 def test_what_can_be_clicked_is_reached_by_the_keyboard(page: Any) -> None:
     page.click(".rp-tab >> text=Markers")
     page.wait_for_selector("#markers")
