@@ -127,16 +127,19 @@ def turn_and_hide(page: Any, page_file: Path) -> None:
     drawn(page, page_file, 700, 400)
     assert not page.locator("#still").is_visible()
     eventually(page, lambda: bool(is_red(shown(page)).any()))
-    before = red_middle(shown(page))
+    left, right, face = (page.locator(f"#names .side >> text={letter}") for letter in "LRA")
+    assert left.bounding_box()["x"] > right.bounding_box()["x"] + 50  # the patient's, seen from the front
+    before, face_before = red_middle(shown(page)), face.bounding_box()["x"]
     page.mouse.move(150, 300)
     page.mouse.down()
     page.mouse.move(250, 300, steps=3)
     page.mouse.up()
     eventually(page, lambda: red_middle(shown(page)) > before + 10)  # the near side follows the hand
+    assert face.bounding_box()["x"] > face_before + 10
     page.locator("canvas").focus()
     page.keyboard.press("ArrowLeft")
     turned = shown(page)
-    name = page.locator("#names span")
+    name = page.locator("#names span:not(.side)")
     assert name.text_content() == "F1"
     assert name.bounding_box()["x"] == pytest.approx(red_middle(turned) + 10, abs=8)  # it went with its marker
     page.click("summary")  # the list covers nothing until it is asked for
@@ -154,7 +157,7 @@ def turn_and_hide(page: Any, page_file: Path) -> None:
 def read_names(page: Any, page_file: Path) -> None:
     drawn(page, page_file)
     shown(page)
-    names = page.locator("#names span")
+    names = page.locator("#names span:not(.side)")
     boxes = [name.bounding_box() for name in names.all()]
     ways = names.evaluate_all("(spans) => spans.map((one) => getComputedStyle(one).direction)")
     assert ways == ["ltr"] * 4 + ["rtl", "ltr"]  # so that the end of each is cut off, not its beginning

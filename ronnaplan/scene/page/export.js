@@ -9,9 +9,15 @@
   const eye = { across: Math.atan2(back[0], -back[1]), up: Math.asin(back[2]), away };
   viewer.reach = reach;
   viewer.things = scene.things.map(viewer.load);
-  const named = viewer.things.filter((thing) => thing.label);
+  // Which side of the patient is where: seen through, a head looks alike from both sides.
+  const SIDES = { L: [1, 0, 0], R: [-1, 0, 0], P: [0, 1, 0], A: [0, -1, 0], S: [0, 0, 1], I: [0, 0, -1] }, BESIDE = 0.55;
+  const head = scene.things.find((thing) => ["skin", "skull"].includes(thing.name)) ?? scene;
+  const at = (way) => way.map((share, n) => head.low[n] + (0.5 + BESIDE * share) * head.size[n]);
+  const sides = Object.entries(SIDES).map(([label, way]) => ({ label, labelAt: at(way), shown: true, kind: "side" }));
+  const named = [...sides, ...viewer.things.filter((thing) => thing.label)];
   for (const thing of named) {
     thing.written = document.getElementById("names").appendChild(document.createElement("span"));
+    thing.written.className = thing.kind ?? "";
     thing.written.dir = "auto"; // a name from right to left is shortened at its left
     thing.written.textContent = thing.label;
   }
