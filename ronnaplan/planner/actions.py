@@ -123,9 +123,10 @@ class Actions:
         shift: bool,
         control: bool = False,
         alt: bool = False,
+        finger: bool = False,
     ) -> None:
-        at = Pixel(x, y, width, height)
-        self.pointer.press(view, at, pan=button == MIDDLE or shift, window=button == RIGHT or control, free=alt)
+        at, window = Pixel(x, y, width, height), button == RIGHT or control
+        self.pointer.press(view, at, pan=button == MIDDLE or shift, window=window, free=alt, finger=finger)
 
     def _click(self, view: str, alt: bool) -> None:
         self.pointer.click(view, free=alt)

@@ -20,7 +20,10 @@ from ronnaplan.scene.cut import Cut
 from ronnaplan.scene.surfaces import SURFACES
 
 CLICK_PIXELS = 3.0
-"""A pointer that moved less between press and release has clicked."""
+"""A pointer that moved less between press and release has clicked: an end under it stays where it is."""
+
+FINGER = 2.5
+"""A finger is so many times less exact than a mouse."""
 
 ZOOM_STEP = 1.15
 
@@ -69,12 +72,15 @@ class Pointer:
         self.picking, self.measuring = Picking(state), Measuring(state)
         self.adding = False
         self._free = False
+        self._coarse = 1.0
         self._held: tuple[str, str] | None = None
         self._offset_mm: FloatArray = np.zeros(3)
         self._plane: Cut | None = None
         self._panned_from: FloatArray | None = None
         self._windowed_from: tuple[Pixel, tuple[float, float]] | None = None
         self._turned: list[Pixel] = []
+        """Where the pointer was since it took hold of an end, or of the head."""
+        self._in_cut = False
 
     @property
     def holding(self) -> bool:
@@ -91,13 +97,22 @@ class Pointer:
         self.adding, self.state.look.begun_mm = False, None
         self.measuring.begin(points)
 
-    def press(self, view: str, at: Pixel, *, pan: bool = False, window: bool = False, free: bool = False) -> None:
+    def press(
+        self,
+        view: str,
+        at: Pixel,
+        *,
+        pan: bool = False,
+        window: bool = False,
+        free: bool = False,
+        finger: bool = False,
+    ) -> None:
         """Take hold of what is under the pointer: an end of a trajectory, the picture, the crosshair or the head.
 
         ``pan`` takes hold of the picture whatever is under the pointer, ``window`` of its brightness. An entry goes
         onto the scalp where that is near, unless it is ``free``.
         """
-        self._free = free
+        self._free, self._coarse = free, FINGER if finger else 1.0
         self._plane = self._held = self._panned_from = self._windowed_from = None
         if window and view != HEAD:
             self._windowed_from = at, self.state.look.window_hu
@@ -147,14 +162,14 @@ class Pointer:
     def release(self) -> None:
         """Let go and keep what was dragged; a click in the 3-D view picks what is under it."""
         at = self._turned[0] if self._turned and self._clicked else None
-        held = self._held
+        held, in_cut = self._held, self._in_cut
         if held is not None:
             self.state.case.end_drag()
         self._plane = self._held = self._panned_from = self._windowed_from = None
         self._turned = []
-        if at is not None and held is not None:
+        if at is not None and held is not None and not in_cut:
             self.state.look.jump(getattr(self.state.case.plan.trajectory(held[0]), f"{held[1]}_mm"))
-        elif at is not None and self.head is not None:
+        elif at is not None and held is None and self.head is not None:
             self.picking.in_head(self.head.camera, at)
 
     def wheel(self, view: str, steps: float, at: Pixel, *, zoom: bool = False) -> None:
@@ -199,7 +214,8 @@ class Pointer:
     @property
     def _clicked(self) -> bool:
         first = self._turned[0]
-        return all(np.hypot(one.x - first.x, one.y - first.y) <= CLICK_PIXELS for one in self._turned)
+        least = CLICK_PIXELS * self._coarse
+        return all(np.hypot(one.x - first.x, one.y - first.y) <= least for one in self._turned)
 
     def _add(self, view: str, at: Pixel) -> None:
         if view == HEAD and self.state.look.begun_mm is not None:
@@ -237,6 +253,7 @@ class Pointer:
         self.state.case.begin_drag(name)
         place = getattr(self.state.case.plan.trajectory(name), f"{end}_mm")
         self._held, self._plane = (name, end), self._plane_of(view, place)
+        self._turned, self._in_cut = [at], view != HEAD
         self._offset_mm = place - at.place_mm(self._plane)
 
     def _plane_of(self, view: str, place_mm: FloatArray) -> Cut:
@@ -263,4 +280,4 @@ class Pointer:
             away = at.pixels_to(self._on_screen(view, np.stack([one.entry_mm, one.target_mm])))
             found += [(float(distance), one.name, end) for distance, end in zip(away, ENDS, strict=True)]
         nearest = min(found, default=None)
-        return None if nearest is None or nearest[0] > GRAB_PIXELS else (nearest[1], nearest[2])
+        return None if nearest is None or nearest[0] > GRAB_PIXELS * self._coarse else (nearest[1], nearest[2])

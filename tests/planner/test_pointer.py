@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -53,6 +55,28 @@ def test_an_end_is_dragged_within_the_plane_of_the_screen(state: PlannerState, v
         moved.entry_mm - path.entry_mm
     ) == pytest.approx(np.hypot(6.0, 2.0))
     assert len(state.case.plan.history) == 2
+
+
+@pytest.mark.parametrize(("finger", "beside", "slip"), [(False, 8.0, 2.5), (True, 21.0, 7.0)])
+def test_a_click_on_an_end_that_slips_a_little_selects_it_and_moves_nothing(
+    state: PlannerState, finger: bool, beside: float, slip: float
+) -> None:
+    """A pixel of a narrow view is a millimetre: a tap on a target would move it by some, and nobody would notice."""
+    pointer, plan, before = Pointer(state), state.case.plan, state.look.crosshair_mm
+    at = pixel(state, "axial", plan.trajectory("left").target_mm)
+    state.look.select(None)
+    pointer.press("axial", replace(at, x=at.x + beside), finger=finger)
+    assert pointer.holding
+    for share in (0.5, 1.0):
+        pointer.move("axial", replace(at, x=at.x + beside, y=at.y + share * slip))
+    pointer.release()
+    assert state.case.plan is plan
+    assert state.look.crosshair_mm == pytest.approx(before, abs=0)
+    assert state.look.selected == "left"
+    pointer.press("axial", replace(at, x=at.x + beside), finger=finger)
+    pointer.move("axial", replace(at, x=at.x + beside, y=at.y + 2 * slip))
+    pointer.release()
+    assert state.case.plan is not plan
 
 
 def test_a_trajectory_is_made_without_a_pointer(state: PlannerState) -> None:

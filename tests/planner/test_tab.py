@@ -129,7 +129,7 @@ def test_the_end_that_is_dragged_is_drawn_at_once_and_measured_a_little_later(
         await tab.answer("press", ("axial", *over(tab, cases.TARGET_MM), 0, False))
         sent.clear()
         judged.clear()
-        for step in range(1, 6):
+        for step in range(3, 8):  # the first is farther than a click may slip
             await tab.answer("move", ("axial", *over(tab, cases.TARGET_MM + X * step)))
         assert len([one for one in sent if "drawn_axial" in one]) == 5
         assert not judged
@@ -137,7 +137,7 @@ def test_the_end_that_is_dragged_is_drawn_at_once_and_measured_a_little_later(
         while not any("chosen" in one for one in sent):
             await asyncio.sleep(FOLLOW_S / 4)
         told = [one["chosen"] for one in sent if "chosen" in one]
-        assert told[-1]["target"][0] == pytest.approx(cases.TARGET_MM[0] + 5.0, abs=0.01)
+        assert told[-1]["target"][0] == pytest.approx(cases.TARGET_MM[0] + 7.0, abs=0.01)
         await tab.answer("release", ("axial",))
 
     run(use())

@@ -143,7 +143,8 @@
     view.focus({ preventScroll: true, focusVisible: false });
     view.setPointerCapture(event.pointerId);
     if (touched(event, view)) return;
-    tell("press", [view.dataset.view, ...place(view, event), event.button, event.shiftKey, event.ctrlKey, event.altKey]);
+    const finger = event.pointerType === "touch";
+    tell("press", [view.dataset.view, ...place(view, event), event.button, event.shiftKey, event.ctrlKey, event.altKey, finger]);
   });
   window.addEventListener("pointermove", (event) => {
     if (slid(event) && two) return;
