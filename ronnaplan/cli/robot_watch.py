@@ -67,7 +67,11 @@ def run(arguments: argparse.Namespace) -> int:
     last = None
     try:
         for recording in moments(
-            arguments.host, arguments.port, every_s=arguments.every, seconds=arguments.seconds
+            arguments.host,
+            arguments.port,
+            every_s=arguments.every,
+            seconds=arguments.seconds,
+            resting=() if arguments.robot_device is None else (arguments.robot_device,),
         ):
             tell(*(f"ronnaplan: warning: {note}" for note in recording.notes))
             ended = recording.end is not None

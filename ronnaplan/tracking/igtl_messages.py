@@ -10,6 +10,7 @@ import math
 import struct
 import time
 from collections import Counter
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,8 +37,8 @@ POSE_STATUS, POSE_VALID = "TransformStatus", "TransformValid"
 VERSIONS = (1, 2, 3)
 LARGEST_BODY = 1 << 26
 """A longer message body (64 MB) is not tracker data but a lost byte count."""
-REPEATED = "repeated: its own time stands still"
-"""Status of a good reading whose device has long sent nothing new: it is of a moment that is over."""
+REPEATED = "repeated: its device sends nothing new"
+"""Status of a good reading whose device has long sent the same: it is of a moment that is over."""
 MOST_READINGS = 1_000_000
 """A recording that holds more (0.8 GB of memory) is ended: half a day of one tool at 20 Hz."""
 MOST_NAMES = 1000
@@ -108,11 +109,13 @@ def text(field: bytes) -> str:
 class Stream:
     """Cuts the bytes of a connection into messages and collects their readings.
 
-    Where a device goes on sending, but the same with the same time for ``silence_s``, its readings are flagged.
+    Where a device goes on sending, but the same with the same time for ``silence_s``, its readings are flagged. With
+    ``resting`` they are whatever its time, but for the devices of these names: what a tracker reads is never the same
+    twice, to the last digit, so that this is a copy under a new time; a robot at rest tells the same.
     """
 
-    def __init__(self, silence_s: float) -> None:
-        self._silence_s = silence_s
+    def __init__(self, silence_s: float, resting: Collection[str] | None = None) -> None:
+        self._silence_s, self._resting = silence_s, resting
         self.points: list[PointReading] = []
         self.tools: list[ToolReading] = []
         self.messages = 0
@@ -204,7 +207,7 @@ class Stream:
             self._left_out[f"{what} cannot be read ({error}) and were left out"] += 1
             return
         self.messages += 1
-        if self._is_repeated(message, body):
+        if self._is_repeated(message, body, {one.tool for one in self.tools[tools:]}):
             self.points[points:] = [
                 replace(one, status=REPEATED) if one.usable else one for one in self.points[points:]
             ]
@@ -212,17 +215,19 @@ class Stream:
                 replace(one, status=REPEATED) if one.usable else one for one in self.tools[tools:]
             ]
 
-    def _is_repeated(self, message: Message, body: bytes) -> bool:
-        """Keep what a device said last; return whether that has long been the same, as where it is frozen.
+    def _is_repeated(self, message: Message, body: bytes, tools: set[str]) -> bool:
+        """Keep what a device said last of ``tools``; return whether that has long been the same, as where it is frozen.
 
         Places that change are new though the device's time stands still: some senders never set it again.
         """
-        if message.time_s <= 0:  # 0 states none
+        may_rest = self._resting is None or not tools.isdisjoint(self._resting)
+        if message.time_s <= 0 and may_rest:  # 0 states none
             return False
         sender, now, said = (message.kind, message.device), time.monotonic(), hash(message.content(body))
         latest_s, before, new_s = self._latest.get(sender, (0.0, said, now))
-        self.leapt_s = max(self.leapt_s, latest_s - message.time_s)
-        if message.time_s > latest_s or said != before:
+        if message.time_s > 0:
+            self.leapt_s = max(self.leapt_s, latest_s - message.time_s)
+        if said != before or (may_rest and message.time_s > latest_s):
             new_s = now
         self._latest[sender] = message.time_s, said, new_s
         return now - new_s > self._silence_s

@@ -9,7 +9,7 @@ import math
 import socket
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 from ronnaplan.errors import InputError
@@ -38,15 +38,23 @@ class _End:
         return f"{self.why.value}{self.how}"
 
 
-def moments(host: str, port: int = DEFAULT_PORT, *, every_s: float, seconds: float) -> Iterator[Recording]:
+def moments(
+    host: str,
+    port: int = DEFAULT_PORT,
+    *,
+    every_s: float,
+    seconds: float,
+    resting: Collection[str] | None = None,
+) -> Iterator[Recording]:
     """Yield what a server at ``host`` sends in every ``every_s`` of its own time, for up to ``seconds`` of ours.
 
     A message that states no time counts as of its arrival. The last recording says why the stream ended before the
     time was up, if it did; a stream whose own time stands still, or a device's leaps back by more than ``every_s``, has
     ended. Where the time is up, a moment that had only begun is left out: of its last frame there may be the points and
-    not yet the tools. Raises `InputError` if no server answers.
+    not yet the tools. Readings that a device repeats are flagged, as `Stream` does with ``resting``. Raises `InputError`
+    if no server answers.
     """
-    stream, until = Stream(SILENCE_S), time.monotonic() + seconds
+    stream, until = Stream(SILENCE_S, resting), time.monotonic() + seconds
     source, cut, told = f"openigtlink://{host}:{port}", _Moments(every_s), False
     with _connected(host, port) as connection:
         connection.settimeout(POLL_S)

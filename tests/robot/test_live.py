@@ -15,6 +15,7 @@ from itertools import groupby
 from pathlib import Path
 
 import numpy as np
+import pyigtl
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -233,6 +234,27 @@ def test_what_was_watched_is_in_the_file_at_once(room: LiveRoom, tmp_path: Path)
     watched(room, tmp_path, send, "--seconds=30")
     assert seen.is_set()
     assert statuses(out) == ["valid", "unseen"]
+
+
+def test_a_tool_that_is_repeated_under_new_times_is_not_seen(
+    room: LiveRoom, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A sender goes on with what it last heard of a tracker that stopped, while the base is moved."""
+    monkeypatch.setattr(openigtlink, "SILENCE_S", 0.2)
+
+    def send(listener: socket.socket) -> None:
+        connection, _ = listener.accept()
+        tool = room.tool()
+        with connection:
+            for frame in range(round(2 * RATE_HZ)):
+                head, _, robot = room.messages(1e9 + frame / RATE_HZ)
+                repeated = pyigtl.TransformMessage(tool, device_name="tool", timestamp=1e9 + frame / RATE_HZ).pack()
+                connection.sendall(head + repeated + robot)
+                time.sleep(0.012)
+
+    _, out = watched(room, tmp_path, send, "--seconds=30")
+    *told, _ = (json.loads(line)["status"] for line in out.read_text().splitlines())  # but for the stream's end
+    assert (told[0], told[-1]) == ("valid", "unseen")
 
 
 def test_an_error_of_poses_that_are_not_read_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:

@@ -195,6 +195,18 @@ def test_a_device_that_never_sets_its_time_again_is_not_frozen_while_its_places_
     assert all(one.usable for one in taken)
 
 
+@pytest.mark.parametrize("times_s", [(1e9, 1e9 + 0.05, 1e9 + 0.1), (0.0, 0.0, 0.0)])
+def test_what_is_watched_is_frozen_while_its_places_stay_to_the_last_digit(times_s: tuple[float, ...]) -> None:
+    """A sender that repeats what it last heard of a tracker gives it a new time; a robot at rest tells the same."""
+    stream, frozen = Stream(0.0, resting=("Robot",)), []
+    for time_s in times_s:
+        stream.feed(points(time_s=time_s) + pose_of_robot(time_s))
+        taken, robots = stream.taken()
+        frozen.append({one.usable for one in taken})
+        assert all(one.usable for one in robots)
+    assert frozen == [{True}, {False}, {False}]
+
+
 def test_a_moment_that_had_only_begun_when_the_time_was_up_is_left_out() -> None:
     frames = [points(time_s=1e9 + 0.05 * frame) for frame in range(3)]
     with server(frames) as port:
