@@ -61,16 +61,22 @@ class Camera:
                 f"an image of {told} pixels is not of this camera, which was calibrated on {own}; do not crop or scale"
             )
 
-    def rays(self, pixels: ArrayLike) -> FloatArray:
-        """Return the unit directions (N, 3), in the camera's own frame, that ``pixels`` (N, 2) look along."""
+    def pixels(self, rays: ArrayLike) -> FloatArray:
+        """Return the pixels (N, 2) that look along ``rays`` (N, 3), of any length, in the camera's own frame."""
         import cv2
 
+        shown = cv2.projectPoints(
+            np.asarray(rays, dtype=np.float64), np.zeros(3), np.zeros(3), self.matrix, self.distortion
+        )[0]
+        return np.asarray(shown[:, 0], dtype=np.float64)
+
+    def rays(self, pixels: ArrayLike) -> FloatArray:
+        """Return the unit directions (N, 3), in the camera's own frame, that ``pixels`` (N, 2) look along."""
         points = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
         plane = (points - self.matrix[:2, 2]) / np.diag(self.matrix)[:2]
         for _ in range(UNDISTORTION_STEPS):
             rays = np.column_stack([plane, np.ones(len(plane))])
-            seen = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), self.matrix, self.distortion)[0][:, 0]
-            step = (points - seen) / np.diag(self.matrix)[:2]
+            step = (points - self.pixels(rays)) / np.diag(self.matrix)[:2]
             plane = plane + step
             if np.abs(step).max(initial=0.0) < UNDISTORTED:
                 break

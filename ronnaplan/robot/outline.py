@@ -36,6 +36,9 @@ WAVES = (2, 3, 4)
 LARGEST_FIRST_WAVE = 4.0
 """Where the light is not in the model, the wave of one period, which moves the center, is larger than those of more,
 by up to this factor (squared), as on balls lit from aside whose brightness does not fall off as the cosine."""
+OVEREXPOSED, OVEREXPOSED_SHARE = 4.0, 0.1
+"""Errors are counted so many times (squared) where more than this share of the ball is brighter than pixels get: its
+light is told by the limb, and what of it is not in the model leaves no misfit there, but moves the center."""
 LENS_FALL, LENS_SHARE = 4, 3**-0.5
 """A lens makes what is off its axis darker by up to this power of the cosine: by anything from none to all of it, of
 which the second is the RMS."""
@@ -125,7 +128,8 @@ def _outline(grey: Image, cone: Cone, camera: Camera, lamp_sd_deg: float) -> Out
     turn, shifts = found.angles[told.kept], found.shifts_px[told.kept]
     outward = np.column_stack([np.cos(turn), np.sin(turn)]) @ found.across.T
     points = _shown(_toward(found, found.place), outward, found.place[2] + shifts / camera.focal_px, camera)
-    sight = _sight(found, told.excess, camera)
+    doubt = OVEREXPOSED if found.clipped_share > OVEREXPOSED_SHARE else 1.0
+    sight = _sight(found, doubt * told.excess, camera)
     lights = in_each_light([sight], lamp_sd_deg)
     place, _ = weighed(lights.logarithms, lights.places, lights.covariances)
     return Outline(_toward(found, place), float(place[2]), points, sight)
@@ -213,11 +217,7 @@ def _toward(found: ShadedSphere, place: FloatArray) -> FloatArray:
 
 def _shown(axis: FloatArray, outward: FloatArray, half_angles: FloatArray, camera: Camera) -> FloatArray:
     """Return the pixels (N, 2) that show what lies ``half_angles`` (N) off the ``axis``, ``outward`` (N, 3)."""
-    import cv2
-
-    rays = np.cos(half_angles)[:, None] * axis + np.sin(half_angles)[:, None] * outward
-    shown = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), camera.matrix, camera.distortion)[0][:, 0]
-    return np.asarray(shown, dtype=np.float64)
+    return camera.pixels(np.cos(half_angles)[:, None] * axis + np.sin(half_angles)[:, None] * outward)
 
 
 def _waves(turn: FloatArray, shifts: FloatArray, sds: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -95,6 +95,12 @@ class ShadedSphere:
     fitted: tuple[Pixels, _State]
     """Its pixels, and what is known of it there."""
 
+    @property
+    def clipped_share(self) -> float:
+        """How much of it is as bright as a pixel gets, and may be brighter."""
+        pixels, state = self.fitted
+        return float((pixels.grey >= pixels.clipped_at).sum() / (np.pi * state.geometry[2] ** 2))
+
 
 @dataclass(eq=False)
 class _State:

@@ -52,10 +52,8 @@ def pixels_near(
 
     With ``rim_only`` those in its middle are left out.
     """
-    import cv2
-
     focal, radius = camera.focal_px, half_angle * camera.focal_px
-    middle = cv2.projectPoints(axis[None], np.zeros(3), np.zeros(3), camera.matrix, camera.distortion)[0][0, 0]
+    middle = camera.pixels(axis[None])[0]
     scale = 1.1 * radius + OUTWARD_PX + 6
     grid, inverse = _bend()
     rays = camera.rays(middle + scale * grid)

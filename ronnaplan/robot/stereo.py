@@ -16,6 +16,7 @@ from ronnaplan.robot.chain import TCP, to_frame
 from ronnaplan.robot.circles import Image
 from ronnaplan.robot.lights import fit, in_each_light, weighed
 from ronnaplan.robot.outline import Cone, Outline, find_cones, outlines_of
+from ronnaplan.robot.response import require_linear
 from ronnaplan.sigmas import LARGEST_STATED_MM, SIGMA_LAMP_DEG
 
 LARGEST_GAP_MM = 0.3
@@ -73,9 +74,9 @@ def locate_sphere(
     """Return the one sphere of ``diameter_mm`` that both images (rows, columns; grey) show.
 
     Outlines are paired when their lines of sight meet and both have the size of such a sphere there. Raises
-    `InputError` if no pair does and `RefusedError` if more than one does, or if the center is not known to
-    ``largest_mm`` (RMS). Where the limb is as dark as the ground its place depends on where the lamps are: well
-    beside the lenses, or about them and off them by ``lamp_sd_deg``, as seen from the sphere.
+    `InputError` if no pair does and `RefusedError` if more than one does, if the images are not linear in the light, or
+    if the center is not known to ``largest_mm`` (RMS). Where the limb is as dark as the ground its place depends on
+    where the lamps are: well beside the lenses, or about them and off them by ``lamp_sd_deg``, as seen from the sphere.
     """
     if not (np.isfinite(diameter_mm) and diameter_mm > 0):
         raise InputError(f"a sphere diameter of {diameter_mm} mm was given; expected one above zero")
@@ -97,11 +98,13 @@ def locate_sphere(
         )
     if len(found) > 1:
         raise RefusedError(f"{len(found)} spheres of {diameter_mm:g} mm are seen by both cameras; expected one")
+    require_linear((left, right), (rig.left, rig.right), (found[0].left, found[0].right))
     stated_mm = float(np.sqrt(np.trace(found[0].covariance_mm2)))
     if not stated_mm <= largest_mm:
         raise RefusedError(
             f"the sphere's center is known to {stated_mm:.4f} mm only; expected {largest_mm:g} mm or less: "
-            "light the sphere evenly and brighter than what is behind it, or move the cameras closer"
+            "light the sphere evenly, brighter than what is behind it but not brighter than pixels get, or move the "
+            "cameras closer"
         )
     return found[0]
 

@@ -51,8 +51,8 @@ def moments(
     A message that states no time counts as of its arrival. The last recording says why the stream ended before the
     time was up, if it did; a stream whose own time stands still, or a device's leaps back by more than ``every_s``, has
     ended. Where the time is up, a moment that had only begun is left out: of its last frame there may be the points and
-    not yet the tools. Readings that a device repeats are flagged, as `Stream` does with ``resting``. Raises `InputError`
-    if no server answers.
+    not yet the tools. Readings that a device repeats are flagged, as `Stream` does with ``resting``. Raises
+    `InputError` if no server answers.
     """
     stream, until = Stream(SILENCE_S, resting), time.monotonic() + seconds
     source, cut, told = f"openigtlink://{host}:{port}", _Moments(every_s), False

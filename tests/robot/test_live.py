@@ -248,7 +248,9 @@ def test_a_tool_that_is_repeated_under_new_times_is_not_seen(
         with connection:
             for frame in range(round(2 * RATE_HZ)):
                 head, _, robot = room.messages(1e9 + frame / RATE_HZ)
-                repeated = pyigtl.TransformMessage(tool, device_name="tool", timestamp=1e9 + frame / RATE_HZ).pack()
+                repeated = pyigtl.TransformMessage(
+                    tool, device_name="tool", timestamp=1e9 + frame / RATE_HZ
+                ).pack()
                 connection.sendall(head + repeated + robot)
                 time.sleep(0.012)
 

@@ -95,6 +95,15 @@ def test_uneven_light_does_not_pull_the_center() -> None:
     assert np.linalg.norm(found.position_mm - center) < 0.01
 
 
+@pytest.mark.parametrize("seed", [5, 16, 21])
+def test_what_an_overexposed_ball_does_not_tell_is_stated(seed: int) -> None:
+    """Its middle reads alike however unevenly it is lit, so that no misfit shows how far the center is off."""
+    view, rig = rendered("overexposed, gradient", seed)
+    found = locate_sphere(view.left, view.right, rig, diameter_mm=DIAMETER)
+    off = found.position_mm - view.center_mm
+    assert off @ np.linalg.solve(found.covariance_mm2, off) / 3 < 2.5  # 4.7 to 7.4 by the noise at the limb
+
+
 def test_an_evenly_bright_sphere_is_as_large_as_it_is() -> None:
     """To a hundredth of a pixel: where the edge lay half a step of the model's table too deep, by five too small."""
     off_px = []

@@ -1,0 +1,73 @@
+"""Whether a camera's images are linear in the light, as far as their noise tells.
+
+Light has more noise the brighter it is, and a sensor no less: what is beside a bright ball is never noisier than the
+ball. Where it is, brightness was bent after it was read (gamma): what is dark was stretched, noise and all, and so was
+what little light falls on a dark limb from one side.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ronnaplan.errors import RefusedError
+from ronnaplan.geometry import FloatArray
+from ronnaplan.robot.camera import Camera
+from ronnaplan.robot.circles import Image
+from ronnaplan.robot.outline import Outline
+
+INSIDE, BESIDE = 0.75, (1.25, 1.9)
+"""What is of the ball, and what beside it, in its radii."""
+SECTORS, QUIET = 24, 0.25
+"""The noise beside it is that of the quieter parts, so many and this share: the others may show a texture."""
+FEWEST_PIXELS = 50
+"""Fewer tell no noise, and so do those that are as bright as a pixel gets."""
+LEAST_NOISE = 0.002
+"""Of the brightest: less is that of rounding."""
+FALLING = 1.2
+"""No more noise beside a ball than on it, within what textures and chance make of it, is that of light."""
+SECOND_DIFFERENCES = np.outer([1.0, -2.0, 1.0], [1.0, -2.0, 1.0])
+"""What is left of an image by these is noise: no light bends so much from one pixel to the next."""
+
+
+def require_linear(
+    images: tuple[Image, Image], cameras: tuple[Camera, Camera], seen: tuple[Outline, Outline]
+) -> None:
+    """Raise `RefusedError` where the noise of both ``images`` is less on the ball that is ``seen`` than beside it."""
+    ratio = min(
+        noise_beside(image, camera.pixels(one.direction[None])[0], one.half_angle * camera.focal_px)
+        for image, camera, one in zip(images, cameras, seen, strict=True)
+    )
+    if ratio > FALLING:
+        raise RefusedError(
+            f"the images have {ratio:.1f} times as much noise beside the sphere as on it, as where they are not linear "
+            "in the light; record them with a gamma of 1"
+        )
+
+
+def noise_beside(grey: Image, middle_px: FloatArray, radius_px: float) -> float:
+    """Return how many times as much noise ``grey`` (rows, columns) has beside a ball as on it; 0 where nothing tells.
+
+    The ball is about ``middle_px`` (2,), column and row.
+    """
+    import cv2
+
+    reach = BESIDE[1] * radius_px
+    low = np.clip(np.floor(middle_px - reach), 0, grey.shape[::-1]).astype(int)
+    high = np.clip(np.ceil(middle_px + reach) + 1, low, grey.shape[::-1]).astype(int)
+    window = np.asarray(grey[low[1] : high[1], low[0] : high[0]], dtype=np.float64)
+    rows, columns = np.mgrid[low[1] : high[1], low[0] : high[0]]
+    across, down = columns - middle_px[0], rows - middle_px[1]
+    away = np.hypot(across, down) / radius_px
+    inside, beside = away < INSIDE, (away > BESIDE[0]) & (away < BESIDE[1])
+    brightest = float(grey.max())
+    if inside.sum() < FEWEST_PIXELS or (window[inside] == brightest).sum() >= FEWEST_PIXELS:
+        return 0.0
+    rough = np.abs(cv2.filter2D(window, -1, SECOND_DIFFERENCES)) / np.linalg.norm(SECOND_DIFFERENCES)
+    sector = ((np.arctan2(down, across)[beside] / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS
+    counts = np.bincount(sector, minlength=SECTORS)
+    told = counts >= FEWEST_PIXELS
+    if not told.any():
+        return 0.0
+    sums = np.bincount(sector, weights=rough[beside], minlength=SECTORS)
+    noise = float(np.quantile(sums[told] / counts[told], QUIET))
+    return noise / max(float(rough[inside].mean()), LEAST_NOISE * brightest)
