@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.shading import ASIDE_SD, TILT_SD
+from ronnaplan.robot.shading_steps import ASIDE_SD, TILT_SD
 
 MISPLACED, LAMP_SCALES = 0.5, 13
 """Probability, before looking, that the lamp is farther from the lens than is said, and how many lamps are looked at:
