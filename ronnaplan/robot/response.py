@@ -25,8 +25,6 @@ LEAST_NOISE = 0.002
 """Of the brightest: less is that of rounding."""
 FALLING = 1.2
 """No more noise beside a ball than on it, within what textures and chance make of it, is that of light."""
-SECOND_DIFFERENCES = np.outer([1.0, -2.0, 1.0], [1.0, -2.0, 1.0])
-"""What is left of an image by these is noise: no light bends so much from one pixel to the next."""
 
 
 def require_linear(
@@ -49,21 +47,23 @@ def noise_beside(grey: Image, middle_px: FloatArray, radius_px: float) -> float:
 
     The ball is about ``middle_px`` (2,), column and row.
     """
-    import cv2
-
     reach = BESIDE[1] * radius_px
     low = np.clip(np.floor(middle_px - reach), 0, grey.shape[::-1]).astype(int)
     high = np.clip(np.ceil(middle_px + reach) + 1, low, grey.shape[::-1]).astype(int)
     window = np.asarray(grey[low[1] : high[1], low[0] : high[0]], dtype=np.float64)
-    rows, columns = np.mgrid[low[1] : high[1], low[0] : high[0]]
-    across, down = columns - middle_px[0], rows - middle_px[1]
+    if min(window.shape) < 3:
+        return 0.0
+    rough = np.abs(_second_differences(_second_differences(window).T).T)
+    window = window[1:-1, 1:-1]
+    across = np.arange(low[0] + 1, high[0] - 1) - middle_px[0]
+    down = np.arange(low[1] + 1, high[1] - 1)[:, None] - middle_px[1]
     away = np.hypot(across, down) / radius_px
     inside, beside = away < INSIDE, (away > BESIDE[0]) & (away < BESIDE[1])
     brightest = float(grey.max())
     if inside.sum() < FEWEST_PIXELS or (window[inside] == brightest).sum() >= FEWEST_PIXELS:
         return 0.0
-    rough = np.abs(cv2.filter2D(window, -1, SECOND_DIFFERENCES)) / np.linalg.norm(SECOND_DIFFERENCES)
-    sector = ((np.arctan2(down, across)[beside] / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS
+    turn = np.arctan2(np.broadcast_to(down, beside.shape)[beside], np.broadcast_to(across, beside.shape)[beside])
+    sector = ((turn / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS
     counts = np.bincount(sector, minlength=SECTORS)
     told = counts >= FEWEST_PIXELS
     if not told.any():
@@ -71,3 +71,12 @@ def noise_beside(grey: Image, middle_px: FloatArray, radius_px: float) -> float:
     sums = np.bincount(sector, weights=rough[beside], minlength=SECTORS)
     noise = float(np.quantile(sums[told] / counts[told], QUIET))
     return noise / max(float(rough[inside].mean()), LEAST_NOISE * brightest)
+
+
+def _second_differences(values: FloatArray) -> FloatArray:
+    """Return those of ``values`` (N, M) along their second axis (N, M - 2), with as much noise as these have.
+
+    In both directions they leave noise alone: no light bends so much from one pixel to the next.
+    """
+    found: FloatArray = (values[:, 2:] - 2 * values[:, 1:-1] + values[:, :-2]) / np.sqrt(6.0)
+    return found
