@@ -159,12 +159,15 @@ def fit_place(
 ) -> BallFit:
     """Fit a ball of about ``diameter_mm`` at a place (3,) of the scan.
 
-    Edges between slices tell a place to half their distance only: a fit that moves away no farther starts anew there.
+    Edges between slices tell a place to half their distance only, and a plate behind a ball draws its votes aside:
+    a fit that moves away no farther, or by no more than its radius to where it shows a sphere, starts anew there.
     What is made good of what a ``head`` does to its image can be told.
     """
     fit = _fit(scan, center_mm, diameter_mm, build, head)
     moved_mm, near_mm = float(np.linalg.norm(fit.theta[CENTER])), MAX_WANDER * diameter_mm / 2.0
-    if near_mm < moved_mm <= near_mm + scan.gap_mm / 2.0 and scan.gap_mm > near_mm:
+    is_between = moved_mm <= near_mm + scan.gap_mm / 2.0 and scan.gap_mm > near_mm
+    is_sphere = moved_mm <= diameter_mm / 2.0 and fit.verdict.round_share >= MIN_COVERAGE
+    if moved_mm > near_mm and (is_between or is_sphere):
         fit = _fit(scan, fit.center_mm, diameter_mm, build, head)
     return fit
 

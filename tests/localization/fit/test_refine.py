@@ -76,6 +76,13 @@ def test_what_is_neither_at_rest_nor_round_after_the_first_steps_is_not_pursued(
     assert is_pursued or WHOLE not in efforts
 
 
+def test_a_fit_that_comes_to_a_sphere_beside_its_candidate_starts_anew_there() -> None:
+    volume, center_mm = scan(balls([(0.3, 0.2, 1.0)], 6.0), small_stack()), np.array([0.3, 0.2, 1.0])
+    fit = fit_place(Scan(volume), np.array([0.3, 1.9, 1.0]), 6.0)
+    assert fit.converged
+    assert np.linalg.norm(fit.center_mm - center_mm) < 0.02
+
+
 def test_the_first_steps_are_those_of_the_whole_descent() -> None:
     volume = scan(balls([(0.3, 0.2, 1.0)]), small_stack())
     around = gather(volume, np.array([0.3, 0.2, 1.0]), 10.0, volume.grid.axes)
