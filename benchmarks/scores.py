@@ -16,7 +16,8 @@ from ronnaplan.localization.examine import Examined, distinct, examine, examine_
 from ronnaplan.localization.scanner.scan import Scan, Slant
 from ronnaplan.localization.scanwide.logarithm import summed_seen
 from ronnaplan.localization.scanwide.slant import slant_seen
-from ronnaplan.localization.scanwide.usual import alike, by_the_usual, moved, together
+from ronnaplan.localization.scanwide.together import moved, together
+from ronnaplan.localization.scanwide.usual import alike, by_the_usual
 
 FOUND_WITHIN_MM = 1.0
 CHI2_95 = 7.815

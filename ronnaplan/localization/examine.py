@@ -18,9 +18,10 @@ from ronnaplan.localization.fit.guess import margin_mm
 from ronnaplan.localization.fit.neighbourhood import gather
 from ronnaplan.localization.fit.parameters import CENTER, RADIUS, profile_fwhm_mm
 from ronnaplan.localization.fit.refine import fit_ball
-from ronnaplan.localization.judge.accept import MIN_COVERAGE, Evidence, Usual, failures
+from ronnaplan.localization.judge.accept import MIN_COVERAGE, failures
 from ronnaplan.localization.judge.blur import blur_mm2
 from ronnaplan.localization.judge.crossed import without_the_screw
+from ronnaplan.localization.judge.evidence import Evidence, Usual
 from ronnaplan.localization.judge.motion import Movement
 from ronnaplan.localization.judge.strain import shape_of
 from ronnaplan.localization.judge.uncertainty import (

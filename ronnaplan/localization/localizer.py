@@ -39,7 +39,8 @@ from ronnaplan.localization.scanwide.logarithm import as_summed
 from ronnaplan.localization.scanwide.slant import along_the_blur
 from ronnaplan.localization.scanwide.stretched import distortion, markers_tell
 from ronnaplan.localization.scanwide.thick import as_thick, as_thin
-from ronnaplan.localization.scanwide.usual import alike, by_the_usual, moved, together, usual_profiles_mm
+from ronnaplan.localization.scanwide.together import moved, together
+from ronnaplan.localization.scanwide.usual import alike, by_the_usual, usual_profiles_mm
 from ronnaplan.localization.size import proposal, sizes_seen
 from ronnaplan.localization.template import Template, distance_error_mm, match_template
 

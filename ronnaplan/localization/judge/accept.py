@@ -4,27 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Set
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
-from ronnaplan.ct.volume import CTVolume
-from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.build import SIZE_TOLERANCE_MM
-from ronnaplan.localization.fit.ball_fit import BallFit
-from ronnaplan.localization.fit.cells import cell_directions
 from ronnaplan.localization.fit.descent import BLUR_BOUNDS_MM, MAX_CONTRAST_HU, MAX_WANDER
-from ronnaplan.localization.fit.directions import MAX_RAGGED, Verdict
-from ronnaplan.localization.fit.guess import margin_mm
+from ronnaplan.localization.fit.directions import MAX_RAGGED
 from ronnaplan.localization.fit.model import has_streaks
 from ronnaplan.localization.fit.parameters import BACKGROUND, CENTER, WIDTH
 from ronnaplan.localization.fit.skin import share_on_skin
-from ronnaplan.localization.judge.blur import Edge
-from ronnaplan.localization.judge.motion import Movement, movement
-from ronnaplan.localization.judge.uncertainty import center_covariance, pulled_mm2
+from ronnaplan.localization.judge.evidence import Evidence
 from ronnaplan.localization.search.detect import MIN_CONTRAST_HU
-from ronnaplan.localization.search.look import held_by
 
 DIAMETER_TOLERANCE = 0.06
 """A marker's fitted diameter lies within this share of the stated one ..."""
@@ -41,10 +30,9 @@ ROUND_MISFIT = 2.0
 this many times its misfit: heads of screws and cones come near 0.6, but raggedly; metal in its own streaks does so
 cleanly ..."""
 
-RAGGED, ALIKE_ROUND, ALIKE_INFORMED, ALIKE_MISFIT = 0.03, 0.5, 0.25, 1.25
-"""Where a scan's balls misfit usually by more than the first share of the contrast, the scan makes them ragged. There,
-what is as large as they are, to `SIZE_TOLERANCE_MM` (of ten others of about a marker's size one is, by chance), has to
-be a sphere's and to be used in no more of its surface, and may misfit by so many times what is usual."""
+ALIKE_ROUND, ALIKE_INFORMED = 0.5, 0.25
+"""What is as large as the balls of a scan that makes them ragged (`Evidence.is_alike`) has to be a sphere's, and to be
+used, in no more of its surface."""
 
 ROUND_WIDTH, THIN_SHARE = 0.3, 0.25
 """Slices blur what tells a sphere from other things: the share that is needed grows by this many times the slice
@@ -105,79 +93,6 @@ MAX_NOISE = 0.2
 
 MAX_STANDARD_ERROR = 0.03
 """Largest standard error of the center, as a share of the diameter, that is still called a localization."""
-
-
-@dataclass(frozen=True)
-class Usual:
-    """What the balls of a scan show in common: it is the scan's and says nothing against one of them."""
-
-    misfit: float = 0.0
-    """Their misfit, as a share of the contrast."""
-    broadening_mm: float = 0.0
-    """By how much their slice profiles are wider than the nominal thickness at most; 0 where too few tell."""
-    diameter_mm: float = math.nan
-    """The diameter they are fitted with; NaN where too few tell."""
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """All that the tests look at."""
-
-    fit: BallFit
-    diameter_mm: float
-    thickness_mm: float
-    noise_hu: float
-    unseen: float
-    """Share of the ball's directions for which the scan has no voxels."""
-    volume: CTVolume
-    usual: Usual = Usual()
-
-    @property
-    def own_misfit(self) -> float:
-        """The misfit beyond what the scan excuses."""
-        return float(np.sqrt(max(self.fit.misfit**2 - self.excused_misfit**2, 0.0)))
-
-    @property
-    def excused_misfit(self) -> float:
-        """The misfit that is the scan's."""
-        return self.usual.misfit * (ALIKE_MISFIT if self.is_alike else 1.0)
-
-    @property
-    def is_alike(self) -> bool:
-        """Whether it is as large as the balls of a scan that makes them ragged."""
-        off_mm = abs(self.fit.diameter_mm - self.usual.diameter_mm)
-        return self.usual.misfit > RAGGED and off_mm <= SIZE_TOLERANCE_MM
-
-    @cached_property
-    def verdict(self) -> Verdict:
-        """What the ball's directions say in this noise."""
-        return self.fit.verdict.in_noise(self.noise_hu)
-
-    @cached_property
-    def covariance_mm2(self) -> FloatArray:
-        """Covariance (3, 3) of the center in LPS."""
-        fit = self.fit
-        left_out = cell_directions()[fit.verdict.state == 0] @ fit.neighbourhood.axes
-        clear_mm = fit.diameter_mm / 2.0 + margin_mm(float(fit.theta[WIDTH]), fit.sigma_mm)
-        axis, is_metal = held_by(self.volume, fit.center_mm, left_out, clear_mm, fit.ceiling_hu)
-        pull_mm2 = pulled_mm2(fit, axis, is_metal=is_metal or fit.may_be_metal)
-        return center_covariance(fit, self.movement, pull_mm2, self.excess_mm)
-
-    @cached_property
-    def edge(self) -> Edge:
-        """Its edge, which tells its movement and its blur."""
-        return Edge(self.fit)
-
-    @cached_property
-    def movement(self) -> Movement:
-        """How far its edges seem to have moved."""
-        return movement(self.edge)
-
-    @property
-    def excess_mm(self) -> float:
-        """Fitted minus stated diameter; 0 where clipping hides it, so that the stated one was held."""
-        return 0.0 if self.fit.is_clipped else self.fit.diameter_mm - self.diameter_mm
-
 
 Test = Callable[[Evidence], str | None]
 """Returns None when the candidate passes, else the reason in words."""

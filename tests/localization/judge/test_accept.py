@@ -14,7 +14,8 @@ from ronnaplan.localization.examine import fit_place
 from ronnaplan.localization.fit.ball_fit import BallFit, fit_at
 from ronnaplan.localization.fit.directions import Verdict
 from ronnaplan.localization.fit.parameters import BLUR, CONTRAST, RADIUS, WIDTH, U
-from ronnaplan.localization.judge.accept import TESTS, Evidence, Usual, failures
+from ronnaplan.localization.judge.accept import TESTS, failures
+from ronnaplan.localization.judge.evidence import Evidence, Usual
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.search.look import surface_shares
 from tests.scans import balls, scan, small_stack

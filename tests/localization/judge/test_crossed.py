@@ -14,8 +14,8 @@ from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.examine import fit_place
 from ronnaplan.localization.fit.ball_fit import BallFit
-from ronnaplan.localization.judge.accept import Evidence
 from ronnaplan.localization.judge.crossed import without_the_screw
+from ronnaplan.localization.judge.evidence import Evidence
 from ronnaplan.localization.judge.uncertainty import noise_level
 from ronnaplan.localization.scanner.scan import Scan
 from tests.scans import balls, offsets_mm, scan, small_stack

@@ -1,0 +1,137 @@
+"""What a scan's markers say together of each one's error: bending, lag, size and coverings, and whether they moved."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.examine import Examined
+from ronnaplan.localization.fit.parameters import BLUR, EDGE, WIDTH, W, edge_variance_mm2
+from ronnaplan.localization.judge.motion import LEAST_TOGETHER, suspected
+from ronnaplan.localization.judge.uncertainty import (
+    ASIDE,
+    MOST_ASIDE,
+    beyond_usual_mm,
+    by_panel,
+    robust_spread,
+    usual_odd_mm2,
+    with_usual,
+    with_usual_lag,
+)
+from ronnaplan.localization.scanner.beat import DISPLACED_SHARE
+from ronnaplan.localization.scanner.scan import Scan
+from ronnaplan.localization.scanner.summed import slope_beside_per_mm
+from ronnaplan.localization.scanwide.smear import are_smeared
+from ronnaplan.localization.scanwide.usual import usual_misfit
+
+LOWEST_CUTOFF_PER_MM = 0.6
+"""No kernel passes nothing above so low a frequency: the softest of scanners end at 0.7 / mm. What is wrapped around
+balls, fainter than they are, makes two steps of their edges, which together pass nothing at 0.35 to 0.55 / mm."""
+
+SCATTERED_MM, SCATTERED_MM2, RAGGED = 0.03, 0.025, 0.02
+"""Bare balls of one stated size do not exceed all of these in any scan: a standard deviation of their diameters, a
+robust one of the variance of their edges' blur, and the usual misfit. Balls made to a tolerance and balls under film
+differ in size (by 0.1 mm) but not in blur (0.01 mm^2); kernels that are far from the model's are fitted now one way,
+now the other (0.04 mm^2), but closely (0.01). What lies on them in lumps does all (0.04 to 0.2 mm and mm^2, 0.03)."""
+
+
+def moved(scan: Scan, markers: Sequence[Examined]) -> list[bool]:
+    """Whether each marker of a scan is suspected to have moved while it was made."""
+    in_cubes = scan.volume.grid.is_in_cubes
+    movements = [one.movement for one in markers if one.movement is not None]
+    smeared = in_cubes and are_smeared(
+        np.array([scan.axes @ one.center_mm for one in markers]).reshape(-1, 3),
+        np.array([scan.axes @ one.blur_mm2 @ scan.axes.T for one in markers]).reshape(-1, 3, 3),
+    )
+    return [smeared or one for one in suspected(movements, in_cubes=in_cubes)]
+
+
+def together(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
+    """Let each marker's covariance count what is usual in the scan, and doubt all where something lies on all."""
+    markers = _computed(scan, _summed(scan, _uneven(_wrapped(markers))))
+    movements = [one.movement for one in markers if one.movement is not None]
+    grid = scan.volume.grid
+    heights_mm = np.array([one.center_mm @ grid.normal for one in markers]) if grid.is_in_cubes else None
+    usual_mm2, axes = usual_odd_mm2(movements, heights_mm), scan.axes
+    if usual_mm2 is None:
+        return markers
+    panel = float(np.median([by_panel(one.parameters) for one in markers]))
+    counted = []
+    beyond_mm2 = (MOST_ASIDE / ASIDE * _beyond_usual_mm(markers)) ** 2
+    for one, moved, usual, beyond in zip(markers, movements, usual_mm2, beyond_mm2, strict=True):
+        covariance_mm2 = with_usual_lag(one.covariance_mm2, one.parameters, panel, axes)
+        covariance_mm2 = with_usual(covariance_mm2, moved, usual, axes) + beyond * one.by_excess
+        counted.append(replace(one, covariance_mm2=covariance_mm2))
+    return counted
+
+
+def _summed(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
+    """State what is left of what summing rays before the logarithm may do."""
+    along_mm2 = np.outer(scan.axes[W], scan.axes[W])
+    stated = []
+    for one in markers:
+        slope_per_mm = slope_beside_per_mm(scan.volume, one.center_mm, one.diameter_mm / 2.0)
+        error_mm = scan.summed.error_mm(float(one.parameters[WIDTH]), slope_per_mm)
+        stated.append(replace(one, covariance_mm2=one.covariance_mm2 + error_mm**2 * along_mm2))
+    return stated
+
+
+def _computed(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
+    """State what slices do that were computed from others at another distance."""
+    if not scan.is_computed:
+        return list(markers)
+    error_mm2 = (DISPLACED_SHARE * scan.gap_mm) ** 2 * np.outer(scan.axes[W], scan.axes[W])
+    return [replace(one, covariance_mm2=one.covariance_mm2 + error_mm2) for one in markers]
+
+
+def _wrapped(markers: Sequence[Examined]) -> list[Examined]:
+    """Doubt all markers of a scan whose usual edge is no kernel's."""
+    cutoffs_per_mm = [cutoff_per_mm(float(one.parameters[BLUR]), float(one.parameters[EDGE])) for one in markers]
+    is_no_kernel = bool(markers) and float(np.median(cutoffs_per_mm)) < LOWEST_CUTOFF_PER_MM
+    return [replace(one, is_covered=one.is_covered or is_no_kernel) for one in markers]
+
+
+def _uneven(markers: Sequence[Examined]) -> list[Examined]:
+    """Doubt all markers of one stated size that differ in size and in blur and are no close spheres: they are covered.
+
+    By how much that moves a center is not told by the marker's own diameter then, but by how far theirs scatter.
+    """
+    doubted = list(markers)
+    for stated_mm in {one.stated_mm for one in markers}:
+        places = [n for n, one in enumerate(markers) if one.stated_mm == stated_mm and not one.is_clipped]
+        if len(places) < LEAST_TOGETHER:
+            continue
+        scatter_mm = float(np.std([markers[n].excess_mm for n in places]))
+        scatter_mm2 = robust_spread(np.array([edge_variance_mm2(markers[n].parameters) for n in places]))
+        ragged = usual_misfit([markers[n] for n in places])
+        if scatter_mm <= SCATTERED_MM or scatter_mm2 <= SCATTERED_MM2 or ragged <= RAGGED:
+            continue
+        for n in places:
+            covariance_mm2 = markers[n].covariance_mm2 + scatter_mm**2 * markers[n].by_excess
+            doubted[n] = replace(markers[n], is_covered=True, covariance_mm2=covariance_mm2)
+    return doubted
+
+
+def cutoff_per_mm(blur_mm: float, edge: float) -> float:
+    """Return the frequency at which a kernel's transfer function, 1 + edge (2 pi f blur)^2 of a Gaussian's, is zero.
+
+    Infinite where it never is. A kernel that falls more steeply than a Gaussian is fitted as well with an ``edge``
+    below zero as with one above, so that the edge alone says nothing.
+    """
+    return 1.0 / (2.0 * math.pi * blur_mm * math.sqrt(-edge)) if edge < 0.0 else math.inf
+
+
+def _beyond_usual_mm(markers: Sequence[Examined]) -> FloatArray:
+    """By how much each marker's diameter (M,) is off what those of its stated one have in common."""
+    beyond_mm = np.zeros(len(markers))
+    stated_mm = np.array([math.nan if one.is_clipped else one.stated_mm for one in markers])
+    excesses_mm = np.array([one.excess_mm for one in markers])
+    errors_mm = np.sqrt([np.trace(one.covariance_mm2) / 3.0 for one in markers])
+    for diameter in set(stated_mm[np.isfinite(stated_mm)]):
+        alike = stated_mm == diameter
+        beyond_mm[alike] = beyond_usual_mm(excesses_mm[alike], errors_mm[alike])
+    return beyond_mm
