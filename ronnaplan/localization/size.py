@@ -103,7 +103,10 @@ def proposal(sizes: Iterable[Size]) -> str:
     """Return what was seen and which ``--diameter`` to try, in one clause."""
     seen = tuple(sizes)
     if not seen:
-        return f"no sphere of {SEARCHED_MM[0]:g} to {SEARCHED_MM[1]:g} mm was seen"
+        return (
+            f"no sphere of {SEARCHED_MM[0]:g} to {SEARCHED_MM[1]:g} mm was seen; hollow and wrapped ones are looked "
+            "for where --marker says so"
+        )
     told = [size for size in seen if not size.is_hidden]
     if not told:
         return f"seen: {', '.join(map(str, seen))}: state --diameter"

@@ -95,7 +95,9 @@ def test_metal_that_the_scale_does_not_hold_has_no_size(stated_mm: float) -> Non
 
 
 def test_nothing_seen_is_said() -> None:
-    assert "no sphere" in proposal(sizes_seen(scan(balls(PLACES[:1], 1.0), small_stack(matrix=32))))
+    none = proposal(sizes_seen(scan(balls(PLACES[:1], 1.0), small_stack(matrix=32))))
+    assert none.startswith("no sphere")
+    assert "where --marker says so" in none  # markers that are printed or hold an insert are often hollow
 
 
 def test_hollow_balls_of_unknown_size_are_found_when_asked_for() -> None:
