@@ -23,7 +23,9 @@ from ronnaplan.documents.fields import (
 )
 from ronnaplan.documents.files import read_json
 from ronnaplan.documents.reading import made
+from ronnaplan.documents.template import FORMAT as TEMPLATE
 from ronnaplan.documents.template import TemplateDocument, read_template_document
+from ronnaplan.errors import InputError
 from ronnaplan.localization import Fiducials
 from ronnaplan.localization.settings import Advice
 from ronnaplan.registration.phantom_check import KnownPhantom, PhantomCheck, names_of_scan
@@ -130,8 +132,15 @@ def read_known_phantom(path: str | os.PathLike[str], sigma_mm: float | None) -> 
 def read_truth(path: str | os.PathLike[str]) -> FiducialsDocument | TemplateDocument:
     """Read what says where a phantom's markers are; raises `InputError` for anything else."""
     content = read_json(path)
-    is_scan = isinstance(content, dict) and content.get("format") == FIDUCIALS
-    return read_fiducials(path) if is_scan else read_template_document(path)
+    told = content.get("format") if isinstance(content, dict) else None
+    if told == FIDUCIALS:
+        return read_fiducials(path)
+    if told != TEMPLATE:
+        raise InputError(
+            f"{os.fspath(path)} is neither a template ('{TEMPLATE}') nor a fiducials.json; write a template with the "
+            "markers' labels, and their centers or distances"
+        )
+    return read_template_document(path)
 
 
 def known_phantom(

@@ -23,9 +23,10 @@ from ronnaplan.localization import Template
 from ronnaplan.localization.template import DISTANCE_TOLERANCE_MM
 from ronnaplan.planning.template_layout import TemplateLayout
 
+FORMAT = "ronnaplan.template"
+
 MOST_MARKERS = 64
 """No frame carries more."""
-
 
 SMALLEST_MM = 2.0
 """No frame is so small; one in metres is, up to two of them."""

@@ -38,7 +38,7 @@ def require_linear(
     if ratio > FALLING:
         raise RefusedError(
             f"the images have {ratio:.1f} times as much noise beside the sphere as on it, as where they are not linear "
-            "in the light; record them with a gamma of 1"
+            "in the light; record them with a gamma of 1, and before a ground without a fine texture"
         )
 
 

@@ -37,7 +37,7 @@ POSE_STATUS, POSE_VALID = "TransformStatus", "TransformValid"
 VERSIONS = (1, 2, 3)
 LARGEST_BODY = 1 << 26
 """A longer message body (64 MB) is not tracker data but a lost byte count."""
-REPEATED = "repeated: its device sends nothing new"
+REPEATED = "repeated to the last digit: its device sends nothing new"
 """Status of a good reading whose device has long sent the same: it is of a moment that is over."""
 MOST_READINGS = 1_000_000
 """A recording that holds more (0.8 GB of memory) is ended: half a day of one tool at 20 Hz."""

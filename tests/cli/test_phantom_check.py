@@ -92,3 +92,5 @@ def test_a_truth_that_is_none_is_told_before_the_scan_is_read(
         assert main(["phantom-check", "nowhere", "--truth", truth, "--diameter", "11.5"]) == 1
         assert expected in capsys.readouterr().err
     assert main(["phantom-check", "nowhere", "--truth", template(tmp_path), "--diameter", "11,5"]) == 2
+    assert main(["phantom-check", "nowhere", "--truth", str(SCAN / "truth.json"), "--diameter", "11.5"]) == 1
+    assert "is neither a template ('ronnaplan.template') nor a fiducials.json" in capsys.readouterr().err
