@@ -3,6 +3,7 @@
 // its socket does, else the state is loaded anew.
 (() => {
   const ASK_MS = 1000, MISSES = 3, AGAIN_MS = 5000;
+  const ENDING_MS = 2000; // a planner that ends closes sockets first, and answers for a moment: loaded then, the page would find nobody
   const GONE = `<h2>The planner cannot be reached</h2>
     <p>It has ended, or does not answer. What was done is kept in the case's folder. What was dragged, typed or clicked since it last
     answered is gone if it has ended; if it was only held up, it is taken then.</p>
@@ -31,9 +32,8 @@
   const shown = () => place().hasAttribute("data-v-app"); // set by Vue
   function lost() {
     if (lostAt === null) return false;
-    if (shown()) return true;
-    place().textContent = KEPT_OUT;
-    return performance.now() - lostAt > AGAIN_MS;
+    if (!shown()) place().textContent = KEPT_OUT;
+    return performance.now() - lostAt > (shown() ? ENDING_MS : AGAIN_MS);
   }
 
   // Whether the socket still leads to the planner: one that was cut off without a word seems open.
