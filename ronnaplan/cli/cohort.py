@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ronnaplan.cli.values import whole
-from ronnaplan.extras import require_packages
 
 if TYPE_CHECKING:
     from ronnaplan.cohort.cohort import Counts
@@ -41,7 +40,6 @@ def run(arguments: argparse.Namespace) -> int:
         return _init(arguments.rules)
     if arguments.output is None or (not arguments.roots and not arguments.as_listed):
         raise UsageError("a ROOT and -o OUT are needed; --rules FILE --init writes example rules")
-    require_packages("a cohort", "cohort", "distributed", "pyarrow", "fsspec")
     from tqdm.contrib.logging import logging_redirect_tqdm
 
     from ronnaplan.cohort.cohort import run_cohort

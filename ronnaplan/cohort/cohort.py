@@ -22,6 +22,7 @@ from ronnaplan.ct.catalogue import folder_of_index
 from ronnaplan.ct.files import given_path
 from ronnaplan.documents.files import make_folder
 from ronnaplan.errors import InputError
+from ronnaplan.extras import require_packages
 from ronnaplan.jobs.serving import DONE, REFUSED
 from ronnaplan.text import printable
 
@@ -62,8 +63,10 @@ def run_cohort(
 
     Without ``list_roots`` the series are those of the last listing; ``again`` tries once more what was set aside.
     Raises `InputError` for a root that is not there, holds no images, is ``out`` or lies below another, a folder that
-    another run has, that nobody can write in or whose index is damaged, no last listing, and a scheduler that is lost.
+    another run has, that nobody can write in or whose index is damaged, no last listing, a scheduler that is lost, and
+    before all that where a package of the extra ``cohort`` is not installed.
     """
+    require_packages("a cohort", "cohort", "distributed", "pyarrow", "fsspec")
     from ronnaplan.cohort.page import write_page
     from ronnaplan.cohort.tables import write_tables
 

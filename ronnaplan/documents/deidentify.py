@@ -110,8 +110,11 @@ DUMMIES: Final = {
     "AcquisitionDateTime": "19000101000000",
     "FrameAcquisitionDateTime": "19000101000000",
     "FrameReferenceDateTime": "19000101000000",
-    **dict.fromkeys(("Manufacturer", "ManufacturerModelName", "DeviceSerialNumber"), "DEIDENTIFIED"),
-    **dict.fromkeys(("SoftwareVersions", "ContentLabel"), "DEIDENTIFIED"),
+    "Manufacturer": "DEIDENTIFIED",
+    "ManufacturerModelName": "DEIDENTIFIED",
+    "DeviceSerialNumber": "DEIDENTIFIED",
+    "SoftwareVersions": "DEIDENTIFIED",
+    "ContentLabel": "DEIDENTIFIED",
     "FiducialIdentifier": "F",
 }
 """What an object that had it must have, with something in it: this, and fiducials are numbered."""

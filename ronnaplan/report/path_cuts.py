@@ -11,7 +11,7 @@ from ronnaplan.ct import CTVolume
 from ronnaplan.ct.sampling import sampled
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import Measures, Trajectory
-from ronnaplan.planning.contacts import contact_paths
+from ronnaplan.planning.contacts import contact_ends_mm
 from ronnaplan.report.picture import WINDOW_HU, png
 from ronnaplan.scene.cut import axes_beside, letters
 
@@ -95,12 +95,9 @@ def _draw_cut(axes: Axes, volume: CTVolume, trajectory: Trajectory, sideways: Fl
     axes.imshow(image, cmap="gray", vmin=low, vmax=high, extent=extent)
     for side in (-trajectory.instrument.radius_mm, trajectory.instrument.radius_mm):
         axes.plot([side, side], [0, trajectory.length_mm], color=trajectory.colour, linewidth=1.0)
-    for contact in contact_paths(trajectory):
-        wide, upper = (
-            contact.instrument.diameter_mm,
-            float((contact.entry_mm - trajectory.entry_mm) @ trajectory.inward),
-        )
-        axes.add_patch(Rectangle((-wide / 2, upper), wide, contact.length_mm, color=CONTACT_COLOUR, zorder=3))
+    wide = trajectory.electrode.diameter_mm if trajectory.electrode else 0.0
+    for upper, lower in (contact_ends_mm(trajectory) - trajectory.entry_mm) @ trajectory.inward:
+        axes.add_patch(Rectangle((-wide / 2, upper), wide, lower - upper, color=CONTACT_COLOUR, zorder=3))
     for place, towards in ((SIDE_SHARE, -sideways), (1.0 - SIDE_SHARE, sideways)):
         _name_side(axes, place, letters(towards))
     axes.set_xlabel("across, mm", fontsize=LETTERS_PT)

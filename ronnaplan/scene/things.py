@@ -10,7 +10,7 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import Measures
-from ronnaplan.planning.contacts import contact_paths
+from ronnaplan.planning.contacts import contact_ends_mm
 from ronnaplan.planning.trajectory import Trajectory
 from ronnaplan.scene.shapes import Body, ball, box, ellipsoid, joined, moved, specks, tube
 
@@ -168,7 +168,7 @@ def path(one: Trajectory, measured: Measures | None = None) -> list[Thing]:
     found = [Thing(f"path {one.name}", body, rgb(one.colour), label=one.name, label_mm=one.entry_mm)]
     if one.electrode is not None:
         thick = CONTACT_SHARE * max(one.electrode.diameter_mm / 2, one.instrument.radius_mm, THINNEST_MM)
-        bodies = [tube(np.stack([part.entry_mm, part.target_mm]), thick) for part in contact_paths(one)]
+        bodies = [tube(ends_mm, thick) for ends_mm in contact_ends_mm(one)]
         found.append(Thing(f"contacts {one.name}", joined(bodies), rgb(CONTACT_COLOUR)))
     if measured is not None and measured.error is not None:
         around = tube(one.at_depth(measured.error.depths_mm), measured.error.tube_mm)
