@@ -115,8 +115,8 @@ def _other_size(met: list[StereoSphere], rig: StereoRig, diameter_mm: float) -> 
         left, right = (1 + error for error in one.size_errors(rig, diameter_mm))
         if abs(left / right - 1) <= SIZE_TOLERANCE:
             return (
-                f", but one of {2 * diameter_mm / (left + right):.3g} mm: correct the diameter, or the size of the "
-                "squares that the cameras were calibrated with"
+                f", but what looks like one of {2 * diameter_mm / (left + right):.3g} mm: correct the diameter or the "
+                "size of the squares that the cameras were calibrated with, or light the sphere to its limb"
             )
     return ""
 

@@ -123,7 +123,8 @@ def test_a_sphere_that_one_camera_does_not_see_is_not_guessed() -> None:
     with pytest.raises(InputError, match="1 outlines left, 0 right"):
         locate_sphere(left, dark, RIG_EXACT, diameter_mm=DIAMETER)
     with pytest.raises(
-        InputError, match=rf"no sphere of 8 mm is seen .*, but one of {DIAMETER:g} mm: correct the dia"
+        InputError,
+        match=rf"no sphere of 8 mm is seen .*, but what looks like one of {DIAMETER:g} mm: correct the dia",
     ):
         locate_sphere(left, right, RIG_EXACT, diameter_mm=8.0)
     with pytest.raises(InputError, match="above zero"):
