@@ -11,6 +11,7 @@ from typing import NamedTuple
 from ronnaplan.ct.archives import is_archive, zip_members
 from ronnaplan.ct.files import Blob, DiskFile, Skipped
 from ronnaplan.ct.limits import Limits
+from ronnaplan.ct.system_folders import WHY_LEFT_OUT, is_system_folder
 from ronnaplan.errors import InputError
 from ronnaplan.text import printable
 
@@ -18,7 +19,7 @@ from ronnaplan.text import printable
 def blobs_below(path: Path, limits: Limits, skipped: list[Skipped], without: Path | None = None) -> Iterator[Blob]:
     """Yield every file of ``path``: a folder (links are followed, each file once), a zip archive or one file.
 
-    The folder ``without``, which must be there, is left out wherever it is met.
+    The folder ``without``, which must be there, is left out wherever it is met, and so are the system's own folders.
 
     Files of a folder come as they are met: what is kept of them does not grow with their number.
 
@@ -54,6 +55,7 @@ class _Folder(NamedTuple):
 
 class _Entry(NamedTuple):
     path: str
+    name: str
     status: os.stat_result
     is_link: bool
 
@@ -83,10 +85,19 @@ def _files_below(root: str, limits: Limits, skipped: list[Skipped], seen: set[tu
             if not is_folder:
                 if stat.S_ISREG(status.st_mode):
                     yield DiskFile(entry.path, status.st_size, status.st_mtime_ns)
-            elif folder.depth == limits.folder_depth:
-                skipped.append(Skipped(printable(entry.path), "the folders nest too deeply", True, entry.path))
+            elif (left_out := _left_out(entry, folder, limits)) is not None:
+                skipped.append(left_out)
             else:
                 pending.append(_Folder(entry.path, folder.depth + 1, folder.linked or entry.is_link))
+
+
+def _left_out(entry: _Entry, parent: _Folder, limits: Limits) -> Skipped | None:
+    """Return why a folder is not looked into, if so."""
+    if is_system_folder(entry.name):
+        return Skipped(printable(entry.path), WHY_LEFT_OUT, False)
+    if parent.depth == limits.folder_depth:
+        return Skipped(printable(entry.path), "the folders nest too deeply", True, entry.path)
+    return None
 
 
 def _identity(status: os.stat_result) -> tuple[int, int]:
@@ -101,7 +112,7 @@ def _entries(folder: str, skipped: list[Skipped]) -> Iterator[_Entry]:
                     status = entry.stat()
                     if not status.st_ino:  # Windows tells no file's number here
                         status = os.stat(entry.path)  # noqa: PTH116
-                    yield _Entry(entry.path, status, entry.is_symlink())
+                    yield _Entry(entry.path, entry.name, status, entry.is_symlink())
                 except OSError as error:
                     skipped.append(_unopened("it", entry.path, error))
     except OSError as error:

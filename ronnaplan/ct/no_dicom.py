@@ -17,16 +17,12 @@ _OTHER_IMAGES: Final = (".hdr", ".img", ".gipl", ".vtk", ".vti", ".mnc", ".mgh",
 """How images are named whose formats are not read."""
 _APPLE_DOUBLE: Final = b"\0\x05\x16\x07"
 """How files begin in which macOS keeps, beside a file ``NAME`` as ``._NAME``, what other systems' disks cannot."""
-_SYSTEM_FOLDERS: Final = frozenset({".fseventsd", ".Spotlight-V100", ".Trashes", "System Volume Information"})
-"""Where macOS and Windows keep what is their own on every disk, empty files among it."""
 _SEEN_BYTES: Final = 132
 """Up to where each DICOM file says that it is one."""
 
 
 def is_failed_copy(blob: Blob) -> bool:
     """Whether a file that is no DICOM file seems to have been an image: by its name, or as it is blank."""
-    if _SYSTEM_FOLDERS.intersection(Path(blob.name).parts):
-        return False
     if blob.name.lower().endswith(_ENDINGS):
         return not starts_with(blob, _APPLE_DOUBLE)
     return _is_blank(blob)
