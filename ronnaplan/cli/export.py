@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from ronnaplan.cli.output import warn
+from ronnaplan.cli.output import library_warnings, warn
 
 HELP = (
     "Turn fiducials or a registration into markups, CSV, DICOM, an ITK transform, ROS or a map of the expected error, "
@@ -82,7 +82,8 @@ def run(arguments: argparse.Namespace) -> int:
             require_ending(arguments.output, to, SCENES[to])
             write_atomically(arguments.output, _scene(arguments))
         else:
-            write_as(arguments.output, arguments.file, to, arguments.ct)
+            with library_warnings():
+                write_as(arguments.output, arguments.file, to, arguments.ct)
         return 0
     exported = None if is_case or to == "tre-map" else export(arguments.file, to, arguments.ct)
     if not isinstance(exported, str):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import sys
@@ -120,3 +121,19 @@ def warn(*sentences: str) -> None:
     """Say on standard error what a person should know beside the result."""
     for sentence in sentences:
         print(f"ronnaplan: warning: {sentence}", file=sys.stderr)
+
+
+@contextmanager
+def library_warnings() -> Iterator[None]:
+    """Have what the library warns of, in the midst of a call, said as `warn` says it."""
+
+    class Said(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            warn(record.getMessage())
+
+    logger, handler = logging.getLogger("ronnaplan"), Said(logging.WARNING)
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)

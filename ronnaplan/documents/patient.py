@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+import logging
 import os
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 from pydicom import dcmread
 from pydicom.dataset import Dataset
@@ -18,6 +20,8 @@ from ronnaplan.documents.fiducials import Source
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.text import printable
 
+LOG = logging.getLogger(__name__)
+
 PATIENT = (
     *("PatientName", "PatientID", "IssuerOfPatientID", "PatientBirthDate", "PatientBirthTime", "PatientSex"),
     *("PatientIdentityRemoved", "DeidentificationMethod"),
@@ -28,28 +32,49 @@ STUDY = (
     "StudyDescription",
 )
 """The General Study Module (C.7.2.1) but for its sequences."""
+MAY_BE_UNKNOWN = (
+    *("PatientBirthDate", "PatientBirthTime", "PatientSex", "PatientIdentityRemoved", "StudyDate", "StudyTime"),
+)
+"""Of both, dates, times and codes. By none of them an archive tells a study, the standard lets them be empty, and many
+an anonymizer or old scanner wrote what no date is (``00000000``, ``unknown``, ``1970.01.31``)."""
 _TOO_LONG = "The (value|PN component) length .* exceeds the maximum"
 """What pydicom warns of where a text is longer than the standard lets it be, as many hospitals' accession numbers are:
 it is copied, as it is by this that an archive tells the study."""
 
 
-def patient_of_scan(path: str | os.PathLike[str], source: Source) -> Dataset:
+class _Modules(NamedTuple):
+    """What a file tells of patient and study; of what is ``unknown``, which is empty in ``copied``, its own words."""
+
+    copied: Dataset
+    unknown: dict[str, Any]
+
+    def value(self, keyword: str) -> object:
+        """Return what the file says, be it known or not."""
+        return self.unknown.get(keyword, self.copied.get(keyword))
+
+
+def patient_of_scan(
+    path: str | os.PathLike[str], source: Source, tell: Callable[[str], None] = LOG.warning
+) -> Dataset:
     """Return the patient and study modules of the series of ``source``, found below ``path``.
 
-    Raises `InputError` when the series is not there, its files differ in who or which study it is, or a value is none
-    of DICOM; `FrameMismatchError` when it lies in another frame of reference than ``source``.
+    A date, a time or a code that DICOM does not know is left empty, and ``tell`` told so in a sentence that names
+    nobody. Raises `InputError` when the series is not there, its files differ in who or which study it is, or another
+    value is none of DICOM; `FrameMismatchError` when it lies in another frame of reference than ``source``.
     """
     series = _series(path, source)
     told = [_modules(instance) for instance in _instances(series)]
     first = told[0]
     for other in told[1:]:
         for keyword in (*PATIENT, *STUDY):
-            if first.get(keyword) != other.get(keyword):
+            if first.value(keyword) != other.value(keyword):
                 raise InputError(
                     f"the files of series {printable(source.series_instance_uid)} differ in {keyword}; "
                     "sort them by patient first"
                 )
-    return first
+    for keyword in first.unknown:
+        tell(f"the scan's {keyword} is none that DICOM knows, and is left empty; correct it in the scan's headers")
+    return first.copied
 
 
 def _series(path: str | os.PathLike[str], source: Source) -> Sequence[Series]:
@@ -83,13 +108,12 @@ def _instances(series: Sequence[Series]) -> Iterator[Instance]:
         yield from files.values() or (one.first,)
 
 
-def _modules(instance: Instance) -> Dataset:
-    name = printable(instance.blob.name)
+def _modules(instance: Instance) -> _Modules:
     pixels, end = instance.pixels, instance.blob.size
     if pixels is not None and pixels.transfer_syntax != DEFLATED_LITTLE:
         end = pixels.offset
     content = instance.blob.read(0, min(end, DEFAULT_LIMITS.header_bytes))
-    copied = Dataset()
+    copied, unknown = Dataset(), {}
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # pydicom warns of values that are none, and keeps them
         warnings.filterwarnings("ignore", _TOO_LONG)
@@ -97,15 +121,26 @@ def _modules(instance: Instance) -> Dataset:
             given = dcmread(
                 io.BytesIO(content), force=True, stop_before_pixels=True, specific_tags=[*PATIENT, *STUDY]
             )
-            given.decode()
-            for keyword in (*PATIENT, *STUDY):
-                if keyword in given:
+        except Exception as error:  # pydicom raises many kinds for a damaged header
+            raise _no_copy(instance, "patient or study", error) from error
+        for keyword in (*PATIENT, *STUDY):
+            raw = given.get_item(keyword)
+            try:
+                if raw is not None:
                     value = given.get(keyword)
                     setattr(copied, keyword, None if value is None else str(value))
-        except Exception as error:  # pydicom raises many kinds for a damaged header
-            reason = printable(str(error).partition("\n")[0])  # it goes on with a traceback
-            raise InputError(
-                f"{name} has a patient or study that cannot be copied ({reason}); correct its header, or "
-                "leave out --ct"
-            ) from error
-    return copied
+            except Exception as error:
+                if keyword not in MAY_BE_UNKNOWN:
+                    raise _no_copy(instance, keyword, error) from error
+                setattr(copied, keyword, None)
+                unknown[keyword] = raw.value
+    return _Modules(copied, unknown)
+
+
+def _no_copy(instance: Instance, what: str, error: Exception) -> InputError:
+    """Return why ``what`` is not copied: in the words of pydicom, but for the value, which may name somebody."""
+    reason = printable(str(error).partition("\n")[0].partition(": ")[0])  # it goes on with a traceback
+    return InputError(
+        f"{printable(instance.blob.name)} has a {what} that cannot be copied ({reason}); correct its header, or leave "
+        "out --ct"
+    )

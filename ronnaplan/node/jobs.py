@@ -196,6 +196,8 @@ class Foreman:
                 self._answer(worker.job, told, now)
             elif told["event"] == "left out":
                 self._log.tell("answer left out", job=worker.job.id, answer=told["answer"], reason=told["reason"])
+            elif told["event"] == "left empty":
+                self._log.tell("left empty", job=worker.job.id, reason=told["reason"])
             elif told["event"] == "ended":
                 self._ended(number, worker.job, told, now)
 

@@ -136,7 +136,9 @@ def _gather(
     from ronnaplan.documents.patient import patient_of_scan
 
     document = fiducials_document(fiducials)
-    patient = patient_of_scan(order.folder, document.source)
+    patient = patient_of_scan(
+        order.folder, document.source, lambda reason: tell("left empty", job=order.job, reason=reason)
+    )
     found = Markers(document, patient, images)
     if "fiducials" in wanted:
         _answer(order, "fiducials", partial(_fiducials, found), tell)

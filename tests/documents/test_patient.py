@@ -12,6 +12,7 @@ import pytest
 from pydicom import dcmread
 from pydicom.dataset import Dataset, FileDataset
 
+from ronnaplan.cli import main
 from ronnaplan.documents.export import export
 from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.reading import to_json
@@ -107,15 +108,64 @@ def test_another_scan_than_the_document_s_is_refused(
         exported(document(tmp_path, "fiducials", **changes), ct)
 
 
-def test_a_value_that_dicom_does_not_know_is_not_copied(tmp_path: Path) -> None:
-    ct = makers.write_series(tmp_path / "ct", change=identify)
-    for file in ct.iterdir():
-        file.write_bytes(file.read_bytes().replace(b"19700131", b"31011970"))
-    with pytest.raises(
-        InputError,
-        match=r"cannot be copied \(Invalid value for VR DA: '31011970'\.?\); correct its header, or leave out --ct",
-    ):
+UNKNOWN = {
+    "PatientBirthDate": "1970.01.31",
+    "PatientBirthTime": "noon",
+    "PatientSex": "male",
+    "PatientIdentityRemoved": "Yes",
+    "StudyDate": "00000000",
+    "StudyTime": "unknown",
+}
+
+
+@pytest.mark.parametrize("keyword", sorted(UNKNOWN))
+@pytest.mark.filterwarnings("ignore:Invalid value for VR:UserWarning")
+def test_a_date_a_time_or_a_code_that_dicom_does_not_know_is_left_empty_and_told(
+    keyword: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def change(made: Dataset, k: int) -> None:
+        identify(made, k)
+        setattr(made, keyword, UNKNOWN[keyword])
+
+    ct, file, target = (
+        makers.write_series(tmp_path / "ct", change=change),
+        document(tmp_path, "fiducials"),
+        "o.dcm",
+    )
+    arguments = ["export", file, "--to", "dicom", "--ct", ct, "-o", tmp_path / target]
+    assert main([str(part) for part in arguments]) == 0
+    (told,) = capsys.readouterr().err.splitlines()
+    assert told.startswith(f"ronnaplan: warning: the scan's {keyword} is none that DICOM knows, and is left empty")
+    assert UNKNOWN[keyword] not in told
+    made = dcmread(tmp_path / target)
+    assert not made[keyword].value
+    assert (str(made.PatientName), made.PatientID, made.StudyInstanceUID) == ("Müller^Jörg", "4711", makers.STUDY)
+    if shutil.which("dciodvfy"):
+        said = subprocess.run(["dciodvfy", "-new", tmp_path / target], capture_output=True, text=True, check=False)
+        assert "Error" not in said.stderr, said.stderr
+
+
+@pytest.mark.filterwarnings("ignore:Invalid value for VR:UserWarning")
+def test_files_of_two_birth_dates_name_nobody_though_neither_is_a_date(tmp_path: Path) -> None:
+    def change(made: Dataset, k: int) -> None:
+        identify(made, k)
+        made.PatientBirthDate = "31011970" if k else "30011970"
+
+    with pytest.raises(InputError, match="differ in PatientBirthDate"):
+        exported(document(tmp_path, "fiducials"), makers.write_series(tmp_path / "ct", change=change))
+
+
+@pytest.mark.filterwarnings("ignore:The number of PN components:UserWarning")
+def test_a_name_that_is_none_is_not_copied_and_stands_in_no_message(tmp_path: Path) -> None:
+    def change(made: Dataset, k: int) -> None:
+        identify(made, k)
+        made.PatientName = "Doe=Jane=J=D"
+
+    ct = makers.write_series(tmp_path / "ct", change=change)
+    says = r"has a PatientName that cannot be copied \(The number .*\); correct its header, or leave out --ct"
+    with pytest.raises(InputError, match=says) as refused:
         exported(document(tmp_path, "fiducials"), ct)
+    assert "Doe" not in str(refused.value)
 
 
 @pytest.mark.filterwarnings("ignore:The .* length:UserWarning")

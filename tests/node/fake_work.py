@@ -36,6 +36,7 @@ def obey(line: str) -> None:
         for name in ("x.dcm", "x.dcm.half"):  # one of them by a worker that was killed
             (order.output / name).write_bytes(b"x")
         path = str(order.output / "x.dcm")
+        tell(event="left empty", job=order.job, reason="no birth date")
         tell(event="answer", job=order.job, kind="sr", sop_uid="1.9", sop_class="1.2", path=path)
         tell(event="ended", job=order.job, state="done", reason="6 markers")
 

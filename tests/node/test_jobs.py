@@ -110,9 +110,9 @@ def test_no_job_keeps_another_one_waiting_and_each_ends_as_it_should(
     assert index.rows("SELECT kind, receiver, state FROM answers JOIN deliveries ON answer = sop_uid") == [
         ("sr", "pacs", "waiting")
     ]
-    ended = [
-        line["state"] for line in map(json.loads, said.getvalue().splitlines()) if line["event"] == "job ended"
-    ]
+    lines = [json.loads(line) for line in said.getvalue().splitlines()]
+    assert [line["reason"] for line in lines if line["event"] == "left empty"] == ["no birth date"]
+    ended = [line["state"] for line in lines if line["event"] == "job ended"]
     assert sorted(ended) == ["done", "failed", "failed", "failed", "refused"]
     (refused,) = (number for (number,) in index.rows("SELECT id FROM jobs WHERE state = 'refused'"))
     assert retry(index, refused, 0.0)

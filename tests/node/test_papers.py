@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import shutil
 import subprocess
@@ -15,6 +16,8 @@ from pydicom import dcmread
 from ronnaplan.ct import read_ct
 from ronnaplan.documents.plan import write_plan
 from ronnaplan.errors import RefusedError
+from ronnaplan.jobs.localizing import warm_up
+from ronnaplan.node import work
 from ronnaplan.node.config import Rule
 from ronnaplan.node.index import Index
 from ronnaplan.node.logs import Log
@@ -83,6 +86,25 @@ def test_registration_and_plan_become_objects_of_the_patient_s_study(order: Orde
     assert {kind: line["sop_uid"] for kind, line in again.items()} == {
         kind: line["sop_uid"] for kind, line in answers.items()
     }
+
+
+@pytest.mark.filterwarnings("ignore:Invalid value for VR:UserWarning")
+def test_a_birth_date_that_is_none_keeps_no_answer_back_and_is_told_without_its_value(
+    order: Order, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for path in order.folder.iterdir():
+        made = dcmread(path)
+        made.PatientBirthDate = "1970.01.31"
+        made.save_as(path)
+    volume, found = read_ct(order.folder), warm_up()[1]
+    monkeypatch.setattr(work, "_find", lambda *_: (volume, dataclasses.replace(found, source=volume.source)))
+    rule = Rule(name="r", answers=("fiducials", "sr"))
+    lines = told(dataclasses.replace(order, rule=rule, have=()))
+    answers = [dcmread(line["path"]) for line in lines if line["event"] == "answer"]
+    assert [(one.PatientID, one.PatientBirthDate) for one in answers] == [("4711", ""), ("4711", "")]
+    (empty,) = (line["reason"] for line in lines if line["event"] == "left empty")
+    assert "PatientBirthDate is none that DICOM knows, and is left empty" in empty
+    assert "1970" not in empty
 
 
 def test_a_document_of_another_scan_is_left_out_and_says_why(order: Order, tmp_path: Path) -> None:
