@@ -144,6 +144,10 @@ def _lies_at(root: str) -> str:
     protocol, _, path = root.rpartition("://")
     if protocol not in THIS_MACHINE:
         return root
+    if protocol:
+        from fsspec.core import strip_protocol  # file:///C:/x is C:/x, and ~ somebody's home
+
+        path = strip_protocol(root)
     return os.path.realpath(folder_of_index(given_path(disk_name(path)))).replace(os.sep, "/")
 
 

@@ -105,10 +105,12 @@ def _list_root(index: Index, place: Place, listed: Listed, progress: bool) -> No
             number,
         )
         count = index.value("SELECT COUNT(*) FROM met")
-        if not count and index.value("SELECT 1 FROM files WHERE place = ? LIMIT 1", number):
-            skipped.append(Skipped(printable(place.root), "it is empty, and was not; is its disk there?", True))
         trouble = [one for one in skipped if one.is_trouble]
-        _remove_lost(index, number, {place.below(one.path) for one in trouble})
+        if not (count or trouble) and index.value("SELECT 1 FROM files WHERE place = ? LIMIT 1", number):
+            trouble.append(Skipped(printable(place.root), "it is empty, and was not; is its disk there?", True))
+        unopened = {place.below(one.path): one.reason for one in trouble}
+        _remove_lost(index, number, unopened)
+        _enter_unopened(index, number, unopened)
     changed = index.value("SELECT COUNT(*) FROM changed")
     listed.files += count
     listed.changed += changed
@@ -122,7 +124,7 @@ def _list_root(index: Index, place: Place, listed: Listed, progress: bool) -> No
                 _list_archive(index, number, place.root, one.met, listed)
 
 
-def _remove_lost(index: Index, number: int, unopened: set[str]) -> None:
+def _remove_lost(index: Index, number: int, unopened: Iterable[str]) -> None:
     """Remove the files of a root that were not met, within a transaction, but for those below what is ``unopened``."""
     index.run("CREATE TEMP TABLE IF NOT EXISTS unopened (path)")
     index.run("DELETE FROM unopened")
@@ -133,6 +135,18 @@ def _remove_lost(index: Index, number: int, unopened: set[str]) -> None:
         " AND NOT EXISTS (SELECT 1 FROM unopened WHERE path = ''"
         " OR instr(ltrim(files.folder || '/', '/') || files.name || '/', path || '/') = 1)",
         number,
+    )
+
+
+def _enter_unopened(index: Index, number: int, unopened: Mapping[str, str]) -> None:
+    """Enter folders and links of a root that cannot be opened, each with its reason, within a transaction.
+
+    They are told on the page, and series beside them are flagged, as for files. What was a file stays one.
+    """
+    index.run_many(
+        "INSERT INTO files (place, folder, name, size, stamp, trouble, reason) VALUES (?, ?, ?, 0, '', 1, ?)"
+        " ON CONFLICT DO UPDATE SET reason = excluded.reason WHERE series IS NULL",
+        [(number, *path.rpartition("/")[::2], reason) for path, reason in unopened.items()],
     )
 
 

@@ -68,17 +68,17 @@ def _numbers(index: Index, summary: Summary) -> list[str]:
 
 
 def _unread(index: Index) -> list[str]:
-    """Return a box of files and archives that could not be read: they are in no series, so no other row tells them."""
+    """Return a box of files, folders and archives that could not be read: no other row tells of them."""
     count = index.value(f"SELECT COUNT(*) FROM files WHERE {UNREAD}")
     if not count:
         return []
     rows = index.rows(
-        "SELECT places.archive, folder, name, reason FROM files JOIN places ON places.id = place"
+        "SELECT places.root, places.archive, folder, name, reason FROM files JOIN places ON places.id = place"
         f" WHERE {UNREAD} ORDER BY place, folder, name LIMIT ?",
         MOST_ROWS,
     )
-    items = [printable(f"{'/'.join(filter(None, where))}: {reason}") for *where, reason in rows]
-    title = f"{count} file{'s' * (count > 1)} could not be read"
+    items = [printable(f"{'/'.join(filter(None, where)) or root}: {reason}") for root, *where, reason in rows]
+    title = "1 file or folder could not be read" if count == 1 else f"{count} files or folders could not be read"
     return [box("warnings", title if count <= MOST_ROWS else f"{title}, the first {MOST_ROWS} of them", items)]
 
 

@@ -14,11 +14,15 @@ from ronnaplan.ct.catalogue import folder_of_index
 from ronnaplan.ct.files import Blob, DamagedError, DiskFile, Skipped, given_path
 from ronnaplan.ct.folders import blobs_below
 from ronnaplan.ct.limits import DEFAULT_LIMITS
+from ronnaplan.ct.system_folders import is_system_folder
 from ronnaplan.errors import InputError
 from ronnaplan.text import printable
 
 LIMITS: Final = replace(DEFAULT_LIMITS, files=10**10)
 """A folder may hold any number of files: they are not kept in memory."""
+
+_NOT_FOUND: Final = (404, 410)
+"""Statuses by which a web server says that it has no such file, or no longer."""
 
 _KEPT_BYTES: Final = {0xDC80 + n: 0xF780 + n for n in range(128)}
 _DISK_BYTES: Final = {kept: byte for byte, kept in _KEPT_BYTES.items()}
@@ -222,7 +226,7 @@ class Place:
         except Exception as error:  # each store's library has errors of its own
             raise InputError(f"{printable(self.root)} cannot be listed ({printable(error)})") from error
         if not is_there:
-            raise InputError(f"there is no file or folder {printable(self.root)}")
+            raise self._nothing_there()
         if of_file is not None:
             yield Met("", kept_name(path.rpartition("/")[2]), int(of_file.get("size") or 0), _stamp(of_file))
             return
@@ -238,12 +242,26 @@ class Place:
             below = self.below(folder)
             for info in listed:
                 whole = info["name"].rstrip("/")
-                if whole == folder:
+                name, is_folder = whole.rpartition("/")[2], info["type"] == "directory"
+                if whole == folder or (is_folder and is_system_folder(name)):
                     continue  # stores have empty objects that stand for folders
-                if info["type"] == "directory":
+                if is_folder:
                     pending.append(whole)
                 elif info["type"] == "file" or info.get("islink"):  # a pipe may never end
-                    yield Met(below, kept_name(whole.rpartition("/")[2]), int(info.get("size") or 0), _stamp(info))
+                    yield Met(below, kept_name(name), int(info.get("size") or 0), _stamp(info))
+
+    def _nothing_there(self) -> InputError:
+        """Return why there is nothing behind a URL; fsspec takes a web server that does not answer for an empty one."""
+        files, path = self._remote
+        cause: object = None
+        try:
+            files.info(path)
+        except Exception as error:
+            cause = error.__cause__
+        is_missing = cause is None or isinstance(cause, FileNotFoundError | LookupError)
+        if is_missing or getattr(cause, "status", None) in _NOT_FOUND:
+            return InputError(f"there is no file or folder {printable(self.root)}")
+        return InputError(f"{printable(self.root)} cannot be reached ({printable(cause)}); see to its server")
 
     def _archive_blobs(
         self, skipped: list[Skipped], wanted: set[str] | None

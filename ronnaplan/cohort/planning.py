@@ -69,10 +69,10 @@ def _texts(index: Index, series: SeriesRow) -> dict[str, str]:
 
 
 def _troubled(index: Index) -> set[int]:
-    """Return the series beside whose files, in one folder, others cannot be read: what they are flagged for."""
+    """Return the series beside whose files, in one folder, something cannot be read: what they are flagged for."""
     rows = index.rows(
         "SELECT DISTINCT series FROM files WHERE series IS NOT NULL"
-        " AND (place, folder) IN (SELECT place, folder FROM files WHERE trouble)"
+        " AND (place, folder) IN (SELECT place, folder FROM files WHERE trouble AND name != '')"  # a root lies in none
     )
     return {series for (series,) in rows}
 

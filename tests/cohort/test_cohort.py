@@ -59,6 +59,7 @@ def test_a_root_below_another_is_refused_for_its_series_would_count_twice(tmp_pa
         (["in/a", "link/a"], "link/a is the same as .*/in/a,"),
         (["in", "file://{here}/link/a"], "link/a lies below .*/in,"),
         (["in/a", "link/DICOMDIR"], "in/a lies below .*/link/DICOMDIR,"),
+        (["in", "file://~/in/a"], "in/a lies below .*/in,"),  # as fsspec opens it
         ([], "nothing has been listed"),
     ],
 )
@@ -70,6 +71,7 @@ def test_what_cannot_be_listed_is_refused_before_there_is_a_folder_of_results(
     (tmp_path / "in" / "DICOMDIR").touch()
     (tmp_path / "link").symlink_to("in")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path))
     given = [root.format(here=tmp_path) for root in roots]
     with pytest.raises(InputError, match=reason):
         run_cohort(given, Path("out"), Rules(rule=(RULE,)), module=FAKE, workers=1, list_roots=bool(roots))

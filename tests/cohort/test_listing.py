@@ -7,7 +7,9 @@ import shutil
 import sys
 import zipfile
 from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
+from threading import Thread
 
 import fsspec
 import numpy as np
@@ -18,6 +20,7 @@ from ronnaplan.cohort import listing
 from ronnaplan.cohort.index import Index
 from ronnaplan.cohort.listing import bring_up_to_date
 from ronnaplan.cohort.places import LIMITS, Place, kept_name
+from ronnaplan.cohort.planning import _troubled
 from ronnaplan.ct import read_ct
 from ronnaplan.ct.catalogue import catalogue_of, read_instance
 from ronnaplan.ct.files import Skipped
@@ -135,6 +138,40 @@ def test_a_folder_that_cannot_be_opened_loses_nothing(
     assert found(index)["1"][1] == SLICES
 
 
+def test_a_folder_that_cannot_be_opened_is_kept_in_mind_until_it_can(
+    index: Index, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tiny(tmp_path / "in" / "a", "1")
+    (tmp_path / "in" / "a" / "more").mkdir()
+    tiny(tmp_path / "in" / "b", "2")
+    scan = os.scandir
+
+    def failing(path: str) -> object:
+        if str(path).endswith("more"):
+            raise PermissionError(13, "Permission denied")
+        return scan(path)
+
+    kept = "SELECT folder, name, reason FROM files WHERE trouble"
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "scandir", failing)
+        for _ in range(2):
+            assert bring_up_to_date(index, [str(tmp_path / "in")]).files == 2 * SLICES
+            assert index.rows(kept) == [("a", "more", "the folder cannot be opened (Permission denied)")]
+        beside = index.rows("SELECT DISTINCT series FROM files WHERE folder = 'a' AND series IS NOT NULL")
+        assert _troubled(index) == {number for (number,) in beside}
+    bring_up_to_date(index, [str(tmp_path / "in")])
+    assert index.rows(kept) == []
+
+
+@pytest.mark.parametrize("protocol", ["", "file://"])
+def test_what_was_deleted_is_no_part_of_a_cohort(index: Index, tmp_path: Path, protocol: str) -> None:
+    tiny(tmp_path / "in" / "scans", "1")
+    tiny(tmp_path / "in" / "$RECYCLE.BIN" / "S-1-5-21", "2")
+    listed = bring_up_to_date(index, [f"{protocol}{tmp_path / 'in'}"])
+    assert (listed.files, listed.skipped) == (SLICES, [])
+    assert set(found(index)) == {"1"}
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="links need rights on Windows")
 def test_a_link_that_leads_nowhere_keeps_no_file_elsewhere(index: Index, tmp_path: Path) -> None:
     root = tiny(tmp_path / "in", "1")
@@ -155,8 +192,10 @@ def test_a_root_whose_files_are_all_gone_is_told_and_loses_nothing(index: Index,
     bring_up_to_date(index, [str(root)])
     root.rename(tmp_path / "unmounted")
     root.mkdir()
-    assert "it is empty, and was not" in bring_up_to_date(index, [str(root)]).skipped[0]
-    assert found(index)["1"][1] == SLICES
+    for _ in range(2):
+        assert "it is empty, and was not" in bring_up_to_date(index, [str(root)]).skipped[0]
+        assert found(index)["1"][1] == SLICES
+        assert _troubled(index) == set()  # its results stay as they are
 
 
 def test_a_damaged_archive_is_told_each_time_and_stops_nothing(index: Index, tmp_path: Path) -> None:
@@ -355,6 +394,37 @@ def test_a_url_that_nothing_opens_is_told(index: Index, monkeypatch: pytest.Monk
     monkeypatch.setattr(type(fsspec.filesystem("memory")), "exists", failing)
     with pytest.raises(InputError, match="cannot be listed"):
         bring_up_to_date(index, ["memory://x"])
+
+
+@pytest.mark.parametrize(
+    ("status", "says"), [(0, "cannot be reached"), (503, "cannot be reached"), (404, "no file")]
+)
+def test_a_web_server_that_does_not_answer_is_told_from_one_that_has_no_such_file(
+    index: Index, status: int, says: str
+) -> None:
+    pytest.importorskip("aiohttp")
+
+    class Answering(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:  # the library's name
+            self.send_error(status)
+
+        do_HEAD = do_GET  # noqa: N815
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with HTTPServer(("127.0.0.1", 0), Answering) as server:
+        address = f"http://127.0.0.1:{server.server_port}/scans.zip"
+        if status:
+            Thread(target=server.serve_forever, daemon=True).start()
+        else:
+            server.server_close()
+        try:
+            with pytest.raises(InputError, match=f"{says}.*" if status == 404 else f"{address} {says}"):
+                bring_up_to_date(index, [address])
+        finally:
+            if status:
+                server.shutdown()
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="the system has no such files")

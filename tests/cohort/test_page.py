@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -137,10 +138,39 @@ def test_the_page_tells_which_files_could_not_be_read(tmp_path: Path) -> None:
         bring_up_to_date(index, [str(tmp_path / "in")])
         write_page(index, out)
     text = (out / "index.html").read_text()
-    assert "21 files could not be read, the first 15 of them" in text
+    assert "21 files or folders could not be read, the first 15 of them" in text
     assert "00.dcm: it is not a DICOM file" in text
     assert "note.txt" not in text
     assert "19.dcm: " not in text
+
+
+def test_the_page_tells_of_folders_that_could_not_be_opened_and_of_a_root_that_is_empty_now(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root, out = tmp_path / "in", tmp_path / "out"
+    (root / "heads" / "shut").mkdir(parents=True)
+    (root / "note.txt").write_text("no scan")
+    out.mkdir()
+    scan = os.scandir
+
+    def failing(path: str) -> object:
+        if str(path).endswith("shut"):
+            raise PermissionError(13, "Permission denied")
+        return scan(path)
+
+    with Index(out) as index:
+        with monkeypatch.context() as patched:
+            patched.setattr(os, "scandir", failing)
+            bring_up_to_date(index, [str(root)])
+        write_page(index, out)
+        text = (out / "index.html").read_text()
+        assert "1 file or folder could not be read" in text
+        assert "heads/shut: the folder cannot be opened (Permission denied)" in text
+        root.rename(tmp_path / "unmounted")
+        root.mkdir()
+        bring_up_to_date(index, [str(root)])
+        write_page(index, out)
+    assert f"{root}: it is empty, and was not; is its disk there?" in (out / "index.html").read_text()
 
 
 def test_the_page_tells_of_an_archive_within_an_archive(tmp_path: Path) -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
+import textwrap
 import time
 from pathlib import Path
 from typing import Any
@@ -44,6 +46,19 @@ def test_a_series_that_hangs_dies_or_takes_too_much_is_set_aside_and_stops_no_ot
     assert not begun(log)  # neither what was done nor what was set aside
     cohort(tmp_path, limits=Limits(seconds=2.0, memory_mib=256, attempts=1))
     assert begun(log) == dict.fromkeys("1235", 1)  # other limits may be enough
+
+
+def test_what_the_page_does_with_the_tables_needs_no_other_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tiny(tmp_path / "in", "6")
+    cohort(tmp_path)
+    page = (Path(__file__).parents[2] / "docs" / "cohorts.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"^ {4}import pyarrow.*\n(?: {4}.*\n)+", page, re.MULTILINE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, "pandas", None)  # it is not of the extra
+    exec(compile(textwrap.dedent(block), "cohorts.md", "exec"), {})
+    assert "error_rms_mm_approximate_median" in capsys.readouterr().out
 
 
 def test_what_could_not_be_read_in_one_run_is_done_in_the_next(
