@@ -14,7 +14,7 @@ from pynetdicom.presentation import PresentationContext, build_role
 from ronnaplan.ct.header import EXPLICIT_LITTLE, IMPLICIT_LITTLE
 from ronnaplan.errors import InputError
 from ronnaplan.node.config import Config, Peer
-from ronnaplan.node.tls import context
+from ronnaplan.node.tls import Context, context
 from ronnaplan.node.transport import LARGEST_PDU, set_up_pynetdicom
 
 SYNTAXES = (EXPLICIT_LITTLE, IMPLICIT_LITTLE)
@@ -38,7 +38,7 @@ def associated(
     """
     entity = _asking(config, (*classes, *provided))
     back = {str(one.abstract_syntax) for one in stored}
-    encrypted = (context(config.tls, config.home, server=False), peer.host) if peer.tls and config.tls else None
+    own = context(config.tls, config.home, server=False) if peer.tls and config.tls else None
     named = f"{peer.name} ({peer.title} at {peer.host}:{peer.port})"
     try:
         association = entity.associate(
@@ -48,15 +48,14 @@ def associated(
             max_pdu=LARGEST_PDU,
             contexts=[*entity.requested_contexts, *stored],
             ext_neg=[build_role(sop_class, scp_role=True) for sop_class in (*provided, *back)],
-            tls_args=encrypted,
+            tls_args=None if own is None else (own, peer.host),
             evt_handlers=list(handlers),
         )
     except (OSError, UnicodeError) as error:
         raise InputError(f"{named} cannot be reached: no host of this name is known; check its address") from error
     try:
         if not association.is_established:
-            how = "refused the association" if association.is_rejected else "cannot be reached"
-            raise InputError(f"{named} {how}")
+            raise InputError(f"{named} {_why_not(association, own)}")
         Checkpoint(association).guard()
         yield association
     finally:
@@ -64,6 +63,13 @@ def associated(
             association.release()
         else:
             association.abort()
+
+
+def _why_not(association: Association, own: Context | None) -> str:
+    """Return why it came to no association."""
+    if association.is_rejected:
+        return "refused the association"
+    return f"does not agree on TLS: {own.fault}" if own is not None and own.fault else "cannot be reached"
 
 
 def _asking(config: Config, classes: Sequence[str]) -> AE:

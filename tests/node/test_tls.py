@@ -10,6 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from ronnaplan.errors import InputError
+from ronnaplan.node.config import Tls
+from ronnaplan.node.tls import context
 from tests.ct import makers
 from tests.node.peers import listening, needs, save, send
 
@@ -19,9 +22,9 @@ pytestmark = [
 ]
 
 
-def certificate(folder: Path, name: str) -> None:
+def certificate(folder: Path, name: str, address: str = "127.0.0.1") -> None:
     command = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", f"/CN={name}"]
-    command += ["-addext", "subjectAltName=IP:127.0.0.1"]
+    command += ["-addext", f"subjectAltName=IP:{address}"]
     files = ["-keyout", str(folder / f"{name}.key"), "-out", str(folder / f"{name}.pem")]
     subprocess.run([*command, *files], check=True, capture_output=True)
 
@@ -83,3 +86,22 @@ def test_only_what_bcp_195_allows_is_agreed_on(
         except ssl.SSLError:
             agreed_on = False
     assert agreed_on is is_agreed_on
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"certificate": "none.pem"}, r"certificate of \[tls\] is .*none\.pem, and no such file is there"),
+        ({"authorities": "."}, r"authorities of \[tls\] is .*, and no such file is there"),
+        ({"key": "locked.key"}, r"the key of \[tls\] is locked by a pass phrase"),
+        ({"key": "stranger.key"}, "cannot be used .*mismatch"),
+    ],
+)
+def test_certificates_that_cannot_be_used_are_told_by_name(
+    given: dict[str, str], says: str, certificates: Path
+) -> None:
+    locked = ["openssl", "rsa", "-aes256", "-passout", "pass:1234", "-in", certificates / "node.key"]
+    subprocess.run([*locked, "-out", certificates / "locked.key"], check=True, capture_output=True)
+    files = {"certificate": "node.pem", "key": "node.key", "authorities": "scanner.pem"} | given
+    with pytest.raises(InputError, match=says):
+        context(Tls(**files), certificates, server=True)
