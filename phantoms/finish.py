@@ -124,7 +124,7 @@ def _restoration() -> Any:
         return importlib.import_module("skimage.restoration")
     except ImportError as error:
         raise PhantomError(
-            "denoising needs scikit-image, which is not installed; install the extra 'phantoms'"
+            "denoising needs scikit-image, which is not installed; install scikit-image"
         ) from error
 
 

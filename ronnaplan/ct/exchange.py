@@ -94,4 +94,6 @@ def _imported(name: str) -> Any:
     try:
         return import_module(name)
     except ModuleNotFoundError as error:
-        raise UsageError(f"{name} is not installed; run 'pip install {name}'") from error
+        raise UsageError(
+            f"{name} is not installed; run 'pip install {name}', or install ronnaplan[arrays]"
+        ) from error

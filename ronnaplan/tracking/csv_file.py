@@ -164,21 +164,18 @@ def _coordinate_frame(path: Path, cells: list[dict[str, str]], delimiter: str) -
     told = {text for text in texts if text.lower() not in MISSING}
     named = {text for text in told if number(text, delimiter) is None}
     mixed = named if len(named) > 1 else told if named and told - named else set()
-    mixed = mixed or _more_than_one({row.get(name, "").strip() for row in cells for name in SYSTEM_COLUMNS})
+    systems = {row.get(name, "").strip() for row in cells for name in SYSTEM_COLUMNS} - {""}
+    mixed = mixed or (systems if len(systems) > 1 else set())
     if mixed:
         shown = ", ".join(printable(name, LONGEST_FRAME_NAME) for name in sorted(mixed)[:MOST_SHOWN])
         raise FrameMismatchError(f"{path} mixes readings of the frames {shown}; expected one frame")
+    named = named or systems
     for name in named:
         if not (name[0].isalpha() and name.isprintable() and len(name) <= LONGEST_FRAME_NAME):
             raise InputError(
                 f"{path} has the frame '{printable(name, LONGEST_FRAME_NAME)}'; expected a whole number or a name"
             )
     return Frame(named.pop()) if named else OTS
-
-
-def _more_than_one(names: set[str]) -> set[str]:
-    told = names - {""}
-    return told if len(told) > 1 else set()
 
 
 def _cell(value: float | None) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -30,6 +32,15 @@ def test_an_array_and_its_affine_place_each_voxel() -> None:
     assert ct.voxels_hu.dtype == np.dtype(np.int16)
     assert ct.frame.uid == "1.2.3"
     assert repr(ct) == "CTVolume(4 slices of 5 x 6, 1.5 x 0.7 x 0.5 mm)"
+
+
+@pytest.mark.parametrize("package", ["nibabel", "xarray", "pyvista"])
+def test_a_package_that_is_missing_is_told_with_the_extra_that_brings_it(
+    package: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(UsageError, match=rf"{package} is not installed; .* or install ronnaplan\[arrays\]"):
+        getattr(volume(), f"to_{package}")()
 
 
 def test_descending_slices_are_put_in_order() -> None:

@@ -104,6 +104,21 @@ def test_columns_that_could_be_taken_for_others_are_refused(tmp_path: Path, text
         read_recording(written(tmp_path, "r.csv", text))
 
 
+@pytest.mark.parametrize(
+    ("text", "frame"),
+    [
+        ("x,y,z,coordinate_system\n1,2,3,RAS\n4,5,6,\n", "RAS"),
+        ("x,y,z,coordinates\n1,2,3,LPS\n", "LPS"),
+        ("x,y,z,coordinate_system,frame\n1,2,3,RAS,7\n", "RAS"),
+        ("x,y,z,coordinate_system,frame\n1,2,3,RAS,Polaris\n", "Polaris"),
+        ("x,y,z,coordinate_system\n1,2,3,\n", "OTS"),
+    ],
+)
+def test_a_coordinate_system_is_no_tracker_s_own(tmp_path: Path, text: str, frame: str) -> None:
+    """As of what Slicer saves: its x and y have the other sign than in the poses that the tracker itself tells."""
+    assert read_recording(written(tmp_path, "r.csv", text)).frame.name == frame
+
+
 @pytest.mark.parametrize("table", ["x,y,z,frame\n1,2,3,{}\n", "state,tx,ty,tz,frame\nOK,1,2,3,{}\n"])
 def test_a_frame_number_is_the_one_that_is_written_or_refused(tmp_path: Path, table: str) -> None:
     largest = 2**53 - 1
