@@ -123,9 +123,7 @@ def _restoration() -> Any:
     try:
         return importlib.import_module("skimage.restoration")
     except ImportError as error:
-        raise PhantomError(
-            "denoising needs scikit-image, which is not installed; install scikit-image"
-        ) from error
+        raise PhantomError("denoising needs scikit-image, which is not installed; install scikit-image") from error
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 
 HELP = (
-    "Print the JSON Schema of fiducials, registration, plan, limits, template, phantom_check, placement, room, pivot, "
-    "hand_eye, rig, spheres, chain or robot_points."
+    "Print the JSON Schema of fiducials, registration, plan, limits, measures, template, phantom_check, placement, "
+    "room, pivot, hand_eye, rig, spheres, chain or robot_points."
 )
 
 

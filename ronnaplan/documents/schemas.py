@@ -9,6 +9,7 @@ from ronnaplan.documents.chain import ChainDocument
 from ronnaplan.documents.fiducials import FiducialsDocument
 from ronnaplan.documents.fields import DocumentModel
 from ronnaplan.documents.limits import LimitsDocument
+from ronnaplan.documents.measures import MeasuresDocument
 from ronnaplan.documents.phantom_check import PhantomCheckDocument
 from ronnaplan.documents.placement import PlacementDocument
 from ronnaplan.documents.plan import PlanDocument
@@ -25,6 +26,7 @@ DOCUMENTS: Final[Mapping[str, type[DocumentModel]]] = {
     "registration": RegistrationDocument,
     "plan": PlanDocument,
     "limits": LimitsDocument,
+    "measures": MeasuresDocument,
     "template": TemplateDocument,
     "phantom_check": PhantomCheckDocument,
     "placement": PlacementDocument,

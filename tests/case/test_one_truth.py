@@ -18,6 +18,7 @@ from ronnaplan.case.folder import CaseFiles, read_case, with_limits
 from ronnaplan.case.surroundings import Rules
 from ronnaplan.cli import main
 from ronnaplan.documents.fiducials import FiducialsDocument
+from ronnaplan.documents.measures import MeasuresDocument
 from ronnaplan.documents.plan import write_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.geometry import FloatArray
@@ -28,6 +29,7 @@ from ronnaplan.planning.uncertainty import PathError
 from ronnaplan.report.part import html_of
 from ronnaplan.report.path_part import paths_part
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
+from ronnaplan.untrusted import checked
 from tests import cases
 
 CASES = 100
@@ -121,6 +123,7 @@ class RandomCase:
         arguments = [str(self.folder / "plan.json"), "--ct", "ct", *named, *self.sigmas, "-o", str(out)]
         assert main(["plan", "check", *arguments]) in (0, 3)
         content: dict[str, Any] = json.loads(out.read_text())
+        checked(content, MeasuresDocument)
         return content
 
 

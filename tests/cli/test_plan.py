@@ -18,9 +18,13 @@ from phantoms.output import write_phantom
 from phantoms.stack import axial_stack
 from ronnaplan.cli import main
 from ronnaplan.ct import CTVolume, read_ct
+from ronnaplan.documents.measures import MeasuresDocument
 from ronnaplan.documents.plan import change_plan, read_plan
+from ronnaplan.documents.schemas import schema
 from ronnaplan.planning import Trajectory
+from ronnaplan.untrusted import checked
 from tests import cases
+from tests.documents.test_schemas import fits
 from tests.planning.heads import layered_head
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "planning.md").read_text(encoding="utf-8")
@@ -102,6 +106,15 @@ def test_what_changes_nothing_is_no_change(plan: Path, ct: Path, capsys: pytest.
     assert plan.read_bytes() == before
 
 
+def measures(written: Path) -> Any:
+    """Return what a file of measures holds, which fits its published schema."""
+    content = json.loads(written.read_text())
+    checked(content, MeasuresDocument)  # by the model, which declares every field
+    described = schema("measures")
+    assert fits(content, described, described["$defs"])
+    return content
+
+
 def test_check_passes_then_refuses_with_a_table(
     plan: Path, ct: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -110,7 +123,7 @@ def test_check_passes_then_refuses_with_a_table(
     assert (
         main([*check, limits(tmp_path, longest_path_mm=80, greatest_skull_angle_deg=30), "-o", str(output)]) == 0
     )
-    measured = json.loads(output.read_text())
+    measured = measures(output)
     (one,) = measured["trajectories"]
     assert one["length_mm"] == pytest.approx(np.linalg.norm([-10, 5, 57]))
     assert 6.0 < one["skull_thickness_mm"] < 7.0
@@ -133,7 +146,7 @@ def test_every_limit_of_the_documentation_s_example_is_judged_in_the_measures(tm
     no_go = ["--no-go", str(cases.write_label_map(tmp_path / "vessel.nii.gz"))]
     check = ["plan", "check", str(tmp_path / "plan.json"), "--ct", str(cases.CT), *beside, *no_go]
     assert main([*check, "-o", str(output)]) == 0
-    verdicts = [one for one in json.loads(output.read_text())["verdicts"] if one["trajectory"] == "left"]
+    verdicts = [one for one in measures(output)["verdicts"] if one["trajectory"] == "left"]
     assert {one["measure"]: one["limit"] for one in verdicts if not re.search(r" F\d", one["measure"])} == {
         "way out of the head": None,
         "path within the instrument": 200,
@@ -156,7 +169,7 @@ def test_arc_and_ring_follow_the_frame_s_own_axes(plan: Path, ct: Path, tmp_path
     found = []
     for axes in ([], ["-0.96", "-0.28", "0", "0.28", "-0.96", "0", "0", "0", "1"]):
         assert main([*check, "-o", str(output), *(["--frame-axes", *axes] if axes else [])]) == 0
-        found.append(json.loads(output.read_text())["trajectories"][0]["arc_and_ring"]["arc_deg"])
+        found.append(measures(output)["trajectories"][0]["arc_and_ring"]["arc_deg"])
     outward = np.array([-10, 5, 57]) / np.linalg.norm([-10, 5, 57])
     assert found[0] == pytest.approx(np.degrees(np.arccos(outward @ [-1, 0, 0])))
     assert found[1] == pytest.approx(np.degrees(np.arccos(outward @ [-0.96, -0.28, 0])))
@@ -220,7 +233,7 @@ def test_an_electrode_is_chosen_measured_exported_and_taken_back(
     edit = ["plan", "edit", str(plan), "A", "--ct", str(ct), "--electrode"]
     assert main([*edit, "DIXI D08-05AM"]) == 0
     assert main(["plan", "check", str(plan), "--ct", str(ct), "-o", str(tmp_path / "measures.json")]) == 0
-    told = json.loads((tmp_path / "measures.json").read_text())["trajectories"][0]["electrode"]
+    told = measures(tmp_path / "measures.json")["trajectories"][0]["electrode"]
     assert told["model"] == "DIXI D08-05AM"
     assert told["contacts"][0]["center"] == pytest.approx(read_plan(plan).trajectory("A").contacts_mm[0])
     assert main(["plan", "export", str(plan), "--to", "contacts", "-o", str(tmp_path / "contacts.csv")]) == 0
