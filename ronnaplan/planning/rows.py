@@ -104,7 +104,11 @@ def error_values(error: PathError) -> Rows:
 
 
 def value_and_limit(one: Verdict) -> tuple[str, str]:
-    """Return a verdict's value and limit with as many digits as tell them apart, two at least."""
+    """Return a verdict's value and limit with as many digits as tell them apart, two at least.
+
+    >>> value_and_limit(Verdict("A", "chance to stay within 2 mm", 0.9996, "", 0.95, passes=True))
+    ('> 0.999', '0.95')
+    """
     if one.value is None or one.limit is None:
         return number(one.value), number(one.limit)
     digits = 2
@@ -112,7 +116,9 @@ def value_and_limit(one: Verdict) -> tuple[str, str]:
         one.value, one.limit, MOST_DIGITS
     ):
         digits += 1
-    return number(one.value, digits), number(one.limit, digits)
+    value = number(one.value, digits)
+    is_certain = not one.unit and float(value) in (0.0, 1.0)  # a chance, as it would be written
+    return chance(one.value) if is_certain else value, number(one.limit, digits)
 
 
 def _order(value: float, limit: float, digits: int) -> int:
