@@ -119,6 +119,21 @@ def _significant_bits(stored: Stored, pixels: PixelFormat) -> Stored:
     return stored & high
 
 
+def has_bits_above(pixels: PixelFormat) -> bool:
+    """Whether there are bits above those stored, of values that the header calls signed."""
+    return pixels.is_signed and pixels.tag not in FLOAT_BYTES and pixels.bits_stored < 8 * pixels.item_bytes
+
+
+def may_be_unsigned(image: SliceImage, limits: Limits) -> bool:
+    """Whether a slice that `has_bits_above` stores its values as unsigned ones lie.
+
+    Then none of these bits is set, though some values are negative: by the standard they may be anything, but a
+    scanner sets them to the sign.
+    """
+    stored, (_, high) = _stored(image, limits), stored_range(image.pixels)
+    return int(stored.min()) >= 0 and high < int(stored.max()) <= 2 * high + 1
+
+
 def _rescale(stored: Stored, image: SliceImage, target: Voxels, padded: NDArray[np.bool_] | None) -> None:
     slope, intercept = image.slope, image.intercept
     if target.dtype != np.int16:

@@ -15,9 +15,17 @@ from ronnaplan.ct.catalogue import Series, find_series
 from ronnaplan.ct.files import DamagedError, given_path
 from ronnaplan.ct.images import is_image_file, read_image
 from ronnaplan.ct.limits import DEFAULT_LIMITS, GIB, Limits
-from ronnaplan.ct.pixels import INT16, DoesNotFitError, Voxels, may_be_int16, read_slice
+from ronnaplan.ct.pixels import (
+    INT16,
+    DoesNotFitError,
+    Voxels,
+    has_bits_above,
+    may_be_int16,
+    may_be_unsigned,
+    read_slice,
+)
 from ronnaplan.ct.progress import Progress, advancing
-from ronnaplan.ct.scale import doubts_of_scale
+from ronnaplan.ct.scale import AIR_ABOVE_HU, doubts_of_scale
 from ronnaplan.ct.scratch import Scratch, one_by_one
 from ronnaplan.ct.slices import CT_ONLY, CT_OR_MR, SliceImage
 from ronnaplan.ct.volume import CTVolume, SeriesSource, VolumeFlag
@@ -127,6 +135,8 @@ def read_series(
         kernel=slices[0].kernel,
     )
     flags = (*stack.flags, VolumeFlag.UNREADABLE_FILES) if troubled else stack.flags
+    if _has_doubtful_sign(slices, voxels, padding_hu, limits):
+        flags = (*flags, VolumeFlag.SIGN)
     volume = CTVolume(voxels, stack.grid, source, padding_hu, flags)
     return _told(_judged(volume) if first.modality == "CT" else volume)
 
@@ -207,6 +217,19 @@ def in_parallel(work: Callable[[int], None], count: int, progress: Progress) -> 
     done = (number for run in in_threads(work_off, runs, MOST_THREADS) for number in run)
     for _ in advancing(done, count, progress, "reading slices"):
         pass
+
+
+def _has_doubtful_sign(
+    slices: Sequence[SliceImage], voxels: Voxels, padding_hu: float | None, limits: Limits
+) -> bool:
+    """Whether values far below air's are negative only because the header calls unsigned pixels signed, as it seems."""
+    if not all(has_bits_above(image.pixels) for image in slices):
+        return False
+    for image, plane in zip(slices, one_by_one(voxels), strict=True):
+        far_below = plane[plane < AIR_ABOVE_HU]
+        if (far_below != padding_hu).any() and may_be_unsigned(image, limits):
+            return True
+    return False
 
 
 def _padding_hu(slices: Sequence[SliceImage]) -> float | None:

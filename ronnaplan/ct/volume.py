@@ -52,6 +52,10 @@ class VolumeFlag(StrEnum):
     LOW_AIR = (
         "air is far below -1000 HU, as if an offset (of -1024?) had been added twice; expected air at -1000 HU"
     )
+    SIGN = (
+        "values lie far below air's -1000 HU, as if the pixels were unsigned though the header calls them signed; what "
+        "is bright would then be dark here"
+    )
     NO_TISSUE = (
         "no value is as high as tissue's, as if the rescale slope were wrong; expected tissue at about 0 HU"
     )

@@ -54,6 +54,35 @@ def test_two_paddings_that_no_tag_tells_are_no_air(offset: int, doubts: tuple[Vo
     assert doubts_of_scale(hu, None) == doubts
 
 
+def of_12_bits(folder: Path, stored: NDArray[np.int16], intercept: float, padding: int | None = None) -> Path:
+    """Write values of 12 bits that the header calls signed, as they lie in 16."""
+
+    def change(made: Dataset, k: int) -> None:
+        made.Rows = made.Columns = SIZE
+        made.PixelData = stored[k].tobytes()
+        made.BitsStored, made.HighBit, made.RescaleIntercept = 12, 11, intercept
+        if padding is not None:
+            made.add_new(0x00280120, "SS", padding)
+
+    return write_series(folder, SIZE, change)
+
+
+def test_bright_values_that_a_wrong_sign_makes_dark_are_doubted(tmp_path: Path) -> None:
+    hu = head_hu(-1024)
+    hu[12:20, 14:18, 14:18] = 2000  # a plate; unsigned, 3024 of 4095
+    assert read_ct(of_12_bits(tmp_path / "wrong", hu + np.int16(1024), -1024)).flags == (VolumeFlag.SIGN,)
+
+
+@pytest.mark.parametrize("are_bits_set", [True, False])
+@pytest.mark.parametrize("rim", [PADDING, -1024])
+def test_a_sign_that_is_meant_is_not_doubted(tmp_path: Path, are_bits_set: bool, rim: int) -> None:
+    """Whether or not the bits above those stored tell the sign, too; -2000 is what a scanner has for unmeasured."""
+    stored = head_hu(rim) if are_bits_set else head_hu(rim) & np.int16(0xFFF)
+    volume = read_ct(of_12_bits(tmp_path, stored, 0))
+    assert volume.flags == ()
+    assert np.array_equal(volume.voxels_hu, head_hu(rim))
+
+
 def test_a_negative_slope_that_is_meant_gives_the_same_values(tmp_path: Path) -> None:
     hu = head_hu()
     assert flags_of(tmp_path, np.int16(1024) - hu, -1, 1024, padding=1024 - PADDING) == ()
