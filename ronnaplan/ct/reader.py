@@ -135,7 +135,7 @@ def read_series(
         kernel=slices[0].kernel,
     )
     flags = (*stack.flags, VolumeFlag.UNREADABLE_FILES) if troubled else stack.flags
-    if _has_doubtful_sign(slices, voxels, padding_hu, limits):
+    if first.modality == "CT" and _has_doubtful_sign(slices, voxels, padding_hu, limits):
         flags = (*flags, VolumeFlag.SIGN)
     volume = CTVolume(voxels, stack.grid, source, padding_hu, flags)
     return _told(_judged(volume) if first.modality == "CT" else volume)

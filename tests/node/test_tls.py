@@ -100,8 +100,8 @@ def test_only_what_bcp_195_allows_is_agreed_on(
 def test_certificates_that_cannot_be_used_are_told_by_name(
     given: dict[str, str], says: str, certificates: Path
 ) -> None:
-    locked = ["openssl", "rsa", "-aes256", "-passout", "pass:1234", "-in", certificates / "node.key"]
-    subprocess.run([*locked, "-out", certificates / "locked.key"], check=True, capture_output=True)
+    locked = ["openssl", "rsa", "-aes256", "-passout", "pass:1234", "-in", str(certificates / "node.key")]
+    subprocess.run([*locked, "-out", str(certificates / "locked.key")], check=True, capture_output=True)
     files = {"certificate": "node.pem", "key": "node.key", "authorities": "scanner.pem"} | given
     with pytest.raises(InputError, match=says):
         context(Tls(**files), certificates, server=True)
