@@ -3,6 +3,7 @@
 #
 # `phantoms` scans a described head and writes a DICOM series with its truth. It shares no code with `ronnaplan`, so it can
 # judge it, or any other program. Below one marker's surroundings are scanned; `ronnaplan phantom` makes whole heads.
+# The full physics needs the extra `phantoms` (`python -m pip install ".[phantoms]"`).
 
 # %%
 from phantoms.patients import random_patient
