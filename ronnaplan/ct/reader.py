@@ -227,8 +227,8 @@ def _has_doubtful_sign(
         return False
     for image, plane in zip(slices, one_by_one(voxels), strict=True):
         far_below = plane[plane < AIR_ABOVE_HU]
-        if (far_below != padding_hu).any() and may_be_unsigned(image, limits):
-            return True
+        if (far_below != padding_hu).any():
+            return may_be_unsigned(image, limits)  # as the scanner does it in one slice, it does in all
     return False
 
 
