@@ -159,6 +159,17 @@ def as_stack(matrices: ArrayLike, name: str) -> FloatArray:
     return stack
 
 
+def first_told(matrices: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return which of ``matrices`` (N, 4, 4) repeat no earlier one (K,), in order, and which of those each is (N,).
+
+    A tracker errs a little otherwise each time: what is the same to the last digit was sent again, as programs do while
+    a tool is hidden, and tells nothing new.
+    """
+    _, first, each = np.unique(matrices, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    return first[order], np.argsort(order)[each.ravel()]
+
+
 def _are_poses(matrices: FloatArray) -> NDArray[np.bool_]:
     """Return which of ``matrices`` (N, 4, 4) `as_pose` takes."""
     near: NDArray[np.bool_] = np.asarray((np.abs(matrices) < FARTHEST_MM).all(axis=(1, 2)))

@@ -47,10 +47,11 @@ def run(arguments: argparse.Namespace) -> int:
     if pivot is not None:
         notes += (*pivot.notes, *other_tool(pivot.tool, tool))
     warn(*notes)
-    document = hand_eye_document(found, tool, len(frames), pivot=pivot is not None, notes=notes)
+    counted = len(frames) - found.repeated
+    document = hand_eye_document(found, tool, counted, pivot=pivot is not None, notes=notes)
     write_document(arguments.output, document, read_hand_eye)
     tell(
-        f"M from TCP of {len(frames)} poses, which are off by {found.rotation_rms_deg:.3f} degrees and "
+        f"M from TCP of {counted} poses, which are off by {found.rotation_rms_deg:.3f} degrees and "
         f"{found.translation_rms_mm:.3f} mm RMS",
         worth("its error at the TCP", found.m_from_tcp.point_covariances([found.m_from_tcp.translation_mm * 0])),
     )

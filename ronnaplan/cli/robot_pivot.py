@@ -28,14 +28,16 @@ def run(arguments: argparse.Namespace) -> int:
     recording = read_recording(arguments.recording)
     poses = tool_poses(recording, arguments.tool)
     found = calibrate_pivot(list(poses.values()))
-    warn(*recording.notes)
-    document = pivot_document(found, calibrated_tool(recording, arguments.tool), recording.notes)
+    notes = (*recording.notes, *found.doubts)
+    warn(*notes)
+    document = pivot_document(found, calibrated_tool(recording, arguments.tool), notes)
     write_document(arguments.output, document, read_pivot)
     x, y, z = found.tip_mm
     errors = [found.tip_covariance_mm2[axis, axis] ** 0.5 for axis in range(3)]
     frames = list(poses)
     slips = ", ".join(f"{frames[first]}-{frames[last]}" for first, last in found.slips)
-    kept = f"{len(poses) - found.slipped.sum()} of " if slips else ""
+    counted = int(found.kept.sum())
+    kept = f"{counted} of " if counted < len(poses) else ""
     tell(
         f"tip {x:.3f} {y:.3f} {z:.3f} mm, standard errors {errors[0]:.3f} {errors[1]:.3f} {errors[2]:.3f} mm",
         f"{found.rms_mm:.3f} mm RMS about the pivot over {kept}{len(poses)} poses"

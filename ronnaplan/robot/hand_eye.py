@@ -22,6 +22,7 @@ from ronnaplan.pose import (
     carried,
     cross_matrix,
     exponential,
+    first_told,
     invert,
     point_jacobian,
     rigid,
@@ -71,11 +72,18 @@ class HandEye:
     """Which poses leave more, in angle or place, than `SLIP_SDS` robust standard deviations (per axis)."""
     out_of_step: bool = False
     """Whether the poses fit far better with those of the robot one earlier, or one later."""
+    repeated: int = 0
+    """How many poses were left out, as the tracker's were earlier ones to the last digit."""
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What makes the calibration look as if tracker and robot had changed places, or were not of one moment."""
+        """Why it may be wrong: a tool that was hidden, tracker and robot exchanged, or poses not of one moment."""
         told = []
+        if self.repeated:
+            told.append(
+                f"{self.repeated} poses of the tracker are earlier ones to the last digit, and were left out: look "
+                "whether the tool was hidden then"
+            )
         if self.translation_rms_mm > SWAPPED * self.tcp_rms_mm:
             told.append(
                 f"the poses of M err by {self.translation_rms_mm:.3f} mm RMS at its origin and by "
@@ -103,11 +111,13 @@ def calibrate_hand_eye(ots_from_m: ArrayLike, robot_from_tcp: ArrayLike) -> Hand
         raise InputError(
             f"{len(seen)} tracker and {len(driven)} robot poses were given; expected four or more of each"
         )
-    different = len(np.unique(np.concatenate([seen, driven], axis=2), axis=0))
-    if different < 4:
+    told, _ = first_told(seen)
+    repeated = len(seen) - len(told)
+    if len(told) < 4:
         raise InputError(
-            f"{len(seen)} poses were given, of which {different} differ; expected four or more that do"
+            f"{len(seen)} poses were given, of which {len(told)} of the tracker's differ; expected four or more that do"
         )
+    seen, driven = seen[told], driven[told]
     if np.abs(seen - driven).max() < SAME_POSES:
         raise InputError("the poses of robot and tracker are the same; expected a recording of either")
     require_two_axes(driven[:, :3, :3], "M from TCP")
@@ -125,7 +135,10 @@ def calibrate_hand_eye(ots_from_m: ArrayLike, robot_from_tcp: ArrayLike) -> Hand
             f"the TCP lies {away_mm:.0f} mm from M, expected at most {LONGEST_TOOL_MM:g}; check that the poses are "
             "tracker from tool and robot from TCP, and not both the other way round"
         )
-    return replace(found, out_of_step=_out_of_step(seen, driven, left, right))
+    out_of_step = _out_of_step(seen, driven, left, right)
+    return replace(
+        found, far=tuple(int(told[one]) for one in found.far), out_of_step=out_of_step, repeated=repeated
+    )
 
 
 def _out_of_step(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> bool:

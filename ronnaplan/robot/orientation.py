@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, as_covariances, as_points, unit
-from ronnaplan.pose import Pose, cross_matrix, transform_points
+from ronnaplan.pose import Pose, cross_matrix, first_told, transform_points
 from ronnaplan.rigid import require_spread
 from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.pivot import PivotCalibration
@@ -46,10 +46,13 @@ def departure_of_eq_5_deg(
     """Return by how much (degrees) Eq. 5 turns the TCP otherwise than ``found`` (3, 3), the rotation of M from TCP.
 
     Of poses of one recording (N, 4, 4), TEMP is built on the tip (3,), in M, at three that lie widely apart; Eq. 5 then
-    gives a rotation of each pose, whose mean counts. Raises `InputError` where all tips are on a line.
+    gives a rotation of each pose, whose mean counts, of those that the tracker repeats of the first alone. Raises
+    `InputError` where all tips are on a line.
     """
     from scipy.spatial.transform import Rotation
 
+    told, _ = first_told(ots_from_m)
+    ots_from_m, robot_from_tcp = ots_from_m[told], robot_from_tcp[told]
     ots, robot = transform_points(ots_from_m, tip_mm[None])[:, 0], robot_from_tcp[:, :3, 3]
     first = int(np.linalg.norm(robot - robot.mean(axis=0), axis=1).argmax())
     second = int(np.linalg.norm(robot - robot[first], axis=1).argmax())

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import as_poses, as_stack, cross_matrix
+from ronnaplan.pose import as_poses, as_stack, cross_matrix, first_told
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
 
 FEWEST_POSES = 10
@@ -57,11 +57,28 @@ class PivotCalibration:
     """Which poses (N,) were left out, because their tip lies too far from the pivot."""
     sd_mm: float
     """Robust standard deviation per axis of the tip's scatter about the pivot."""
+    repeated: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    """Which poses (N,) were left out, because they are an earlier one to the last digit."""
+
+    @property
+    def kept(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+        """Which poses (N,) count."""
+        return ~(self.slipped | self.repeated)
 
     @property
     def rms_mm(self) -> float:
         """RMS distance of the tip from the pivot over the poses kept."""
-        return float(np.sqrt(np.mean(self.residuals_mm[~self.slipped] ** 2)))
+        return float(np.sqrt(np.mean(self.residuals_mm[self.kept] ** 2)))
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What makes the recording look as if the tracker had not seen the tool all the time."""
+        if not self.repeated.any():
+            return ()
+        return (
+            f"{self.repeated.sum()} of {len(self.repeated)} poses are earlier ones to the last digit, and were left "
+            "out: look whether the tool was hidden then",
+        )
 
     @property
     def slips(self) -> tuple[tuple[int, int], ...]:
@@ -79,14 +96,15 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
     tip rested, or it lies where no tool's is.
     """
     offered = as_stack(poses, "pivot poses")
-    different = len(np.unique(offered, axis=0))
+    told, which = first_told(offered)
+    different = len(told)
     if different < FEWEST_POSES:
         once = "different " * (different < len(offered))
         raise InputError(
             f"the pivot has {different} {once}pose{'s' * (different != 1)}, expected {FEWEST_POSES} or more; turn the "
             "tool about the divot to all sides while it is recorded"
         )
-    matrices = as_poses(offered, "pivot pose")
+    matrices = as_poses(offered, "pivot pose")[told]
     _require_turning(matrices[:, :3, :3])
     rotation, shift = matrices[:, :3, :3], -matrices[:, :3, 3]
     still = np.broadcast_to(-np.eye(3), rotation.shape)
@@ -105,9 +123,10 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
         covariance[:3, :3],
         solution[3:6],
         covariance[3:6, 3:6],
-        length,
-        ~kept,
+        length[which],
+        ~kept[which],
         float(np.median(length) / MAXWELL_MEDIAN),
+        told[which] != np.arange(len(offered)),
     )
     _require_tip(found)
     return found

@@ -22,7 +22,7 @@ STILL_MM, STILL_DEG = 0.5, 0.5
 
 
 def tool_poses(recording: Recording, tool: str | None = None) -> dict[int, FloatArray]:
-    """Return the usable poses (4, 4) of ``tool`` by the number of their frame, in order.
+    """Return the usable poses (4, 4) of ``tool`` by the number of their frame, in the order of these.
 
     ``tool`` may be left out where there is one only. Raises `InputError` where it is not there, has two poses in a
     frame, or is so near to the origin in all of them that they are in metres.
@@ -49,7 +49,7 @@ def tool_poses(recording: Recording, tool: str | None = None) -> dict[int, Float
             "its numbers (a decimal comma needs ';' between the columns)"
         )
     require_millimetres_away(np.array(list(found.values())), f"{recording.source} has {told}")
-    return found
+    return dict(sorted(found.items()))
 
 
 def _lacking(recording: Recording) -> str:

@@ -34,7 +34,14 @@ def state(storage: Storage) -> PlannerState:
     """A registered case with a calibrated pointer."""
     cases.write_case(storage.plan.parent)
     touched = PivotCalibration(
-        TIP_MM, np.eye(3), np.zeros(3), np.eye(3), np.zeros(20), np.zeros(20, dtype=bool), 0.1
+        TIP_MM,
+        np.eye(3),
+        np.zeros(3),
+        np.eye(3),
+        np.zeros(20),
+        np.zeros(20, dtype=bool),
+        0.1,
+        np.zeros(20, dtype=bool),
     )
     storage.plan.with_name("pivot.json").write_text(to_json(pivot_document(touched, "pointer")))
     return PlannerState(cases.volume(), storage)

@@ -127,6 +127,26 @@ def test_halves_of_a_recording_with_an_uneven_long_memory_agree() -> None:
     assert 0.4 < np.mean(squares) / 3 < 1.45
 
 
+def told_again(poses: np.ndarray, how: str) -> np.ndarray:
+    """Poses with repeats to the last digit: of one, while the tool is hidden; of all; what is filled in, amid them."""
+    if how == "filled in":
+        return np.where((np.arange(2 * len(poses)) % 2)[:, None, None], np.eye(4), np.repeat(poses, 2, axis=0))
+    return np.concatenate([poses, np.repeat(poses[-1:], 9 * len(poses), axis=0) if how == "hidden" else poses])
+
+
+@pytest.mark.parametrize("how", ["hidden", "filled in", "all"])
+def test_a_pose_that_is_told_again_to_the_last_digit_tells_nothing_new(how: str) -> None:
+    """Of a tool that was hidden for half of the time or more the tip was told too surely by far, or in a traceback."""
+    poses = recording(3, 200)
+    once, again = calibrate_pivot(poses), calibrate_pivot(told_again(poses, how))
+    np.testing.assert_allclose(again.tip_mm, once.tip_mm, atol=0.02)
+    np.testing.assert_allclose(np.diag(again.tip_covariance_mm2), np.diag(once.tip_covariance_mm2), rtol=0.1)
+    assert again.kept.sum() == 200
+    assert again.rms_mm == pytest.approx(once.rms_mm, rel=0.01)
+    assert not once.doubts
+    assert f"of {len(again.kept)} poses are earlier ones to the last digit" in again.doubts[0]
+
+
 def test_poses_that_hardly_turn_are_refused() -> None:
     with pytest.raises(InputError, match="turn the tool"):
         calibrate_pivot(recording(4, tilt_deg=2))
