@@ -211,8 +211,12 @@ def fit(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def is_collinear(points: FloatArray, sigma: float) -> bool:
-    """Tell whether points (k, 3) lie on a line within their error, so that the turn about it is undetermined."""
-    centered = points - np.array([points[:, 0].mean(), points[:, 1].mean(), points[:, 2].mean()])
-    values = np.linalg.eigvalsh(centered.T @ centered)
-    return bool(max(values[0] + values[1], 0.0) < len(points) * (COLLINEAR_SIGMAS * sigma) ** 2)
+def is_collinear(points: FloatArray, variances: FloatArray) -> bool:
+    """Tell whether points (k, 3) lie on a line within their errors, so that the turn about it is undetermined.
+
+    ``variances`` (k,) are per axis: how far off a line a point lies counts in units of its own error.
+    """
+    weights = (1.0 / variances).reshape(-1, 1)
+    centered = points - (weights * points).sum(axis=0) / weights.sum()
+    values = np.linalg.eigvalsh(centered.T @ (weights * centered))
+    return bool(max(values[0] + values[1], 0.0) < len(points) * COLLINEAR_SIGMAS**2)

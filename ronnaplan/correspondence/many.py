@@ -49,7 +49,7 @@ def match_many(
             continue
         partners[t] = listed[best]
         paired, to_beat = listed[best] >= 0, max(log_evidence[best], background)
-        if not complete or is_collinear(ct[t][paired], math.sqrt(variance)):
+        if not complete or is_collinear(ct[t][paired], np.full(paired.sum(), variance)):
             continue
         body = other_body(ct[t], ots[t], weight, node_value, residual[0], residual[1], volume, listed[best])
         regular = regular_odds(log_evidence, chi2, listed, best, background)

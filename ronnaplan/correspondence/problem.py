@@ -47,6 +47,10 @@ class Problem:
         """The typical error per axis of a pair's difference."""
         return math.sqrt(float(self.ct_errors.variances.mean() + self.ots_errors.variances.mean()))
 
+    def pair_variances(self, pairs: IntArray) -> FloatArray:
+        """Return the variance (L,) per axis of the difference of each of ``pairs`` (L, 2)."""
+        return self.ct_errors.variances[pairs[:, 0]] + self.ots_errors.variances[pairs[:, 1]]
+
     @property
     def is_anisotropic(self) -> bool:
         """Whether any error is stated as a full covariance."""

@@ -29,6 +29,7 @@ from ronnaplan.tracking.tables import (
     NO_NUMBER,
     frame_number,
     number,
+    place_status,
     plain_text,
     read_rows,
     require_table,
@@ -48,6 +49,7 @@ COLUMNS = (
 SYSTEM_COLUMNS = ("coordinate_system", "coordinates")
 LONGEST_FRAME_NAME = 64
 MOST_SHOWN = 5
+MOST_COLUMNS = 16
 
 
 def read_csv(path: Path) -> Recording:
@@ -61,25 +63,8 @@ def read_csv(path: Path) -> Recording:
     header, or with a frame number that is not whole.
     """
     header, rows, delimiter = read_rows(path)
-    missing = [axis for axis in "xyz" if axis not in header]
-    if missing:
-        of_matrix = lacking(header)
-        expected = "all of a matrix, row by row" if of_matrix else "x, y, z in mm"
-        raise InputError(
-            f"{path} has columns {', '.join(header)} but no {', '.join(of_matrix or missing)}; expected {expected}"
-        )
+    _require_columns(path, header)
     require_table(path, header, rows)
-    parts = [name for name in QUATERNION_NAMES if name in header]
-    if parts and len(parts) < len(QUATERNION_NAMES):
-        raise InputError(
-            f"{path} has {', '.join(parts)} of a quaternion; expected all of {', '.join(QUATERNION_NAMES)}, q0 (or qw) "
-            "its scalar"
-        )
-    unknown = [name for name in header if name.startswith("sigma") and name != "sigma"]
-    if unknown:
-        raise InputError(
-            f"{path} has columns {', '.join(unknown)}; expected one sigma, the same for each axis, in mm"
-        )
     cells = [dict(zip(header, row, strict=False)) for row in rows]
     frame = _coordinate_frame(path, cells, delimiter)
     poses = {_label(row) for row in cells if any(row.get(name, "").strip() for name in QUATERNION_NAMES)} - {""}
@@ -99,6 +84,29 @@ def read_csv(path: Path) -> Recording:
         tools.append(reading)
         counts[reading.tool] += 1
     return Recording(str(path), tuple(points), tuple(tools), frame, numbered=numbered)
+
+
+def _require_columns(path: Path, header: list[str]) -> None:
+    """Raise `InputError` without a place, with a part of a quaternion, and with errors that differ by axis."""
+    missing = [axis for axis in "xyz" if axis not in header]
+    if missing:
+        of_matrix = lacking(header)
+        expected = "all of a matrix, row by row" if of_matrix else "x, y, z in mm, and one reading in each row"
+        raise InputError(
+            f"{path} has columns {', '.join(header[:MOST_COLUMNS])} but no {', '.join(of_matrix or missing)}; "
+            f"expected {expected}"
+        )
+    parts = [name for name in QUATERNION_NAMES if name in header]
+    if parts and len(parts) < len(QUATERNION_NAMES):
+        raise InputError(
+            f"{path} has {', '.join(parts)} of a quaternion; expected all of {', '.join(QUATERNION_NAMES)}, q0 (or qw) "
+            "its scalar"
+        )
+    unknown = [name for name in header if name.startswith("sigma") and name != "sigma"]
+    if unknown:
+        raise InputError(
+            f"{path} has columns {', '.join(unknown)}; expected one sigma, the same for each axis, in mm"
+        )
 
 
 def write_csv(recording: Recording) -> str:
@@ -142,8 +150,8 @@ def _reading(path: Path, row: Mapping[str, str], delimiter: str, poses: Set[str]
         if matrix is None and status == OK:
             status = "no pose"
         return ToolReading(index, label, matrix, value("time"), error_mm, status)
-    if status == OK and not np.isfinite(position).all():
-        status = "no position"
+    if status == OK:
+        status = place_status([row.get(axis, "") for axis in "xyz"], position, delimiter)
     written = row.get("sigma", "").strip(BLANKS)
     sigma = number(written, delimiter)
     if (

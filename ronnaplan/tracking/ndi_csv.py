@@ -16,7 +16,7 @@ import numpy as np
 from ronnaplan.errors import InputError
 from ronnaplan.text import BLANKS
 from ronnaplan.tracking.recording import OK, PointReading, Recording, ToolReading, quaternion_pose
-from ronnaplan.tracking.tables import STATUS_COLUMNS, frame_number, number, read_rows
+from ronnaplan.tracking.tables import STATUS_COLUMNS, frame_number, number, place_status, read_rows
 
 QUATERNION = ("q0", "qx", "qy", "qz")
 ANGLES = frozenset({"rx", "ry", "rz"})
@@ -122,8 +122,8 @@ class _Row:
     def marker(self, column: int, tool: ToolReading | None, order: int) -> PointReading:
         position = np.array([self.value(column + k) for k in range(3)])
         status = _status(self.text(column - 1))
-        if status == OK and not np.isfinite(position).all():
-            status = "no position"
+        if status == OK:
+            status = place_status([self.text(column + k) for k in range(3)], position, self.delimiter)
         stray = tool is None or "stray" in tool.tool.lower()
         label = "" if stray or tool is None else f"{tool.tool}:{order + 1}"
         return PointReading(self.frame, position, label, self.time_s, None, status)

@@ -124,7 +124,7 @@ class Recording:
         readings: Iterable[PointReading | ToolReading] = (*self.points, *self.tools)
         for reading in readings:
             if not reading.usable:
-                reason = reading.status if reading.status != OK else "no position"
+                reason = reading.status if reading.status != OK else "no position within a kilometre"
                 counts[reason] = counts.get(reason, 0) + 1
         return counts
 

@@ -125,7 +125,9 @@ def find_markers(recording: Recording, *, sigma_mm: float = SIGMA_OTS_MM) -> Mar
     require_sigma(sigma_mm, "the tracker error")
     readings = [r for r in recording.points if r.usable] or _tool_origins(recording)
     if not readings:
-        raise InputError(f"{recording.source} holds no usable reading ({_reasons(recording)}); record it again")
+        raise InputError(
+            f"{recording.source} holds no usable reading ({_reasons(recording)}); record it again, or correct it"
+        )
     source = recording.points or recording.tools  # a stream numbers the frames of points and of each tool apart
     frames = sorted({r.frame for r in source})
     named: dict[str, list[PointReading]] = {}
@@ -248,10 +250,12 @@ def _summarize(
 
 
 def _has_moved(kept: FloatArray) -> bool:
-    """Tell whether the readings that count (n, 3), in order, end elsewhere than they began."""
+    """Tell whether the readings that count (n, 3), in order, end where they did not begin, or are of several places."""
+    if len(kept) > 1 and float(np.ptp(kept, axis=0).max()) > 2 * GATE_MM:
+        return True
     quarter = len(kept) // 4
     if quarter < 2:
-        return len(kept) > 1 and float(np.ptp(kept, axis=0).max()) > 2 * GATE_MM
+        return False
     first, last = kept[:quarter], kept[-quarter:]
     error = float(np.sqrt((first.var(axis=0, ddof=1).sum() + last.var(axis=0, ddof=1).sum()) / quarter))
     return float(np.linalg.norm(last.mean(axis=0) - first.mean(axis=0))) > max(MOVED_MM, 5 * error)

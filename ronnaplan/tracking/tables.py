@@ -8,7 +8,10 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray
 from ronnaplan.text import BLANKS, plain_number, printable
 from ronnaplan.tracking.recording import OK
 from ronnaplan.untrusted import read_whole
@@ -29,9 +32,15 @@ LENGTHS = frozenset(
 MOST_FRAMES = 2**53 - 1
 """Beyond, a number that is read as a float may be a neighbour of the one that is written."""
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "missing", "-"})
+NO_POSITION = "no position"
+NO_PLAIN_NUMBER = "a coordinate that is no plain number, such as -1234.5"
+"""Statuses of a reading without a place: one that is not written, and one that is written otherwise."""
 NO_NUMBER = "no frame number"
 """Status of a pose of no numbered frame among numbered ones: it would be taken for another frame's."""
 UNIT_WORDS = frozenset({"unit", "units"})
+MILLIMETRES = frozenset({"mm", "millimeter", "millimeters", "millimetre", "millimetres"})
+UNIT = re.compile(r"[\[(]?([munµμcd]?m|in|inch|inches|(milli|micro|centi)?met(er|re)s?)[\])]?", re.IGNORECASE)
+"""A cell that holds a unit of length in the place of a number."""
 STATUS_COLUMNS = ("status", "state")
 TRUTH_COLUMNS = ("valid", "visible", "seen", "usable")
 AXES = (
@@ -78,8 +87,9 @@ def seems_table(beginning: bytes) -> bool:
 def read_rows(path: Path) -> tuple[list[str], list[list[str]], str]:
     """Return the header's normalized names, the rows below it and the delimiter. Blank lines are left out.
 
-    Raises `InputError` for a file without a header, for two columns of one name that hold lengths, and for lengths
-    not in mm or times not in s, stated in the header or in a column ``unit``.
+    So is a first row that holds units. Raises `InputError` for a file without a header, for two columns of one name
+    that hold lengths, and for lengths not in mm or times not in s, stated in the header, in that first row or in a
+    column ``unit``.
     """
     text = read_text(path)
     told = SEPARATOR_LINE.match(text)
@@ -96,11 +106,29 @@ def read_rows(path: Path) -> tuple[list[str], list[list[str]], str]:
     rows = split_rows(path, text, delimiter)
     header = [column_name(cell) for cell in rows[0]]
     if any(number(cell, delimiter) is not None for cell in rows[0]):
-        raise InputError(f"{path} has no header; its first line must name the columns, such as label,x,y,z")
+        raise InputError(
+            f"{path} has no header; its first line must name the columns, such as label,x,y,z, and each row below hold "
+            "one reading"
+        )
     for cell, name in zip(rows[0], header, strict=True):
         _require_unit(path, cell, name)
-    _require_mm(path, header, rows[1:])
-    return header, rows[1:], delimiter
+    below = _below_units(path, header, rows[1:])
+    _require_mm(path, header, below)
+    return header, below, delimiter
+
+
+def _below_units(path: Path, header: list[str], rows: list[list[str]]) -> list[list[str]]:
+    """Return ``rows`` without a first one that holds the columns' units, as motion capture writes; judges these."""
+    lengths = [
+        (name, cell.strip())
+        for name, cell in zip(header, rows[0] if rows else [], strict=False)
+        if name.split("_")[0] in LENGTHS and cell.strip()
+    ]
+    if not lengths or not all(UNIT.fullmatch(cell) for _, cell in lengths):
+        return rows
+    for name, cell in lengths:
+        _require_unit(path, f"{name} [{cell.strip('[]()')}]", name)
+    return rows[1:]
 
 
 def split_rows(path: Path, text: str, delimiter: str) -> list[list[str]]:
@@ -146,7 +174,7 @@ def _require_unit(path: Path, cell: str, name: str) -> None:
     stated = re.search(r"[\[(](.*?)[\])]", cell) or re.search(
         r"[_ ]([munµμcd]?m|in|inch|inches)$", cell.strip().lower()
     )
-    if expected and stated and stated[1].strip().lower() != expected:
+    if expected and stated and stated[1].strip().lower() not in (MILLIMETRES if expected == "mm" else {expected}):
         raise InputError(
             f"{path} has the column '{cell.strip()}'; expected it in {expected}, so convert the numbers and rename it"
         )
@@ -157,7 +185,7 @@ def _require_mm(path: Path, header: list[str], rows: list[list[str]]) -> None:
     for column in (k for k, name in enumerate(header) if UNIT_WORDS & set(name.split("_")) and "time" not in name):
         for place, row in enumerate(rows, start=1):
             stated = row[column].strip() if column < len(row) else ""
-            if stated.lower() not in {*MISSING, "mm"}:
+            if stated.lower() not in MISSING | MILLIMETRES:
                 raise InputError(
                     f"{path} row {place} below the header says its unit is '{printable(stated)}'; "
                     "expected mm, so convert the numbers"
@@ -186,6 +214,18 @@ def number(cell: str, delimiter: str = ",") -> float | None:
     if text.lower() in MISSING:
         return None
     return plain_number(text if delimiter == "," else text.replace(",", "."))
+
+
+def place_status(cells: Sequence[str], position_mm: FloatArray, delimiter: str = ",") -> str:
+    """Return what is to be said of a place (3,) that was read from ``cells``.
+
+    >>> place_status(["1", "", "3"], np.array([1, np.nan, 3])), place_status(["1", "-1,234.5", "3"], np.full(3, np.nan))
+    ('no position', 'a coordinate that is no plain number, such as -1234.5')
+    """
+    if np.isfinite(position_mm).all():
+        return OK
+    odd = any(cell.strip(BLANKS).lower() not in MISSING and number(cell, delimiter) is None for cell in cells)
+    return NO_PLAIN_NUMBER if odd else NO_POSITION
 
 
 def frame_number(path: Path, cell: str, delimiter: str, otherwise: int) -> int:

@@ -141,9 +141,13 @@ def test_a_uniform_ball_fills_its_own_volume() -> None:
 def test_points_are_collinear_within_their_error_only() -> None:
     line = np.outer([0.0, 40.0, 90.0, 150.0], [0.6, 0.8, 0.0])
     bent = line + np.outer([0, 4.0, 0, 0], [0.0, 0.0, 1.0])
-    assert is_collinear(line, 0.1)
-    assert is_collinear(bent, 1.0)
-    assert not is_collinear(bent, 0.1)
+    assert is_collinear(line, np.full(4, 0.1**2))
+    assert is_collinear(bent, np.full(4, 1.0**2))
+    assert not is_collinear(bent, np.full(4, 0.1**2))
+    assert is_collinear(bent, np.array([0.1, 10.0, 0.1, 0.1]) ** 2)  # what is off the line may be on it
+    assert not is_collinear(
+        bent, np.array([0.1, 0.1, 0.1, 100.0]) ** 2
+    )  # one that is hardly known does not hide it
 
 
 def test_the_anisotropic_fit_is_the_maximum_of_the_likelihood() -> None:

@@ -303,6 +303,15 @@ def test_importing_the_room_does_not_load_numba() -> None:
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
+def test_a_reading_that_is_hardly_known_puts_the_others_on_no_line() -> None:
+    """As of a label that jumps between two markers: six were refused as on one line."""
+    rng = np.random.default_rng(7)
+    places = rng.normal(0.0, 50.0, (6, 3))
+    errors = np.array([0.17, 0.17, 100.0, 0.17, 0.17, 0.17])
+    answer = match_points(places, places + errors[:, None] * rng.normal(size=(6, 3)), sigma_ots_mm=errors)
+    assert (answer.status, np.delete(np.arange(6), 2).tolist()) == ("unique", answer.pairs[:, 0].tolist())
+
+
 def test_points_on_a_line_whose_errors_differ_are_refused() -> None:
     along = np.array([[-80.0, 0.0, 0.0], [-20.0, 0.0, 0.0], [35.0, 0.0, 0.0], [90.0, 0.0, 0.0]])
     errors_mm2 = np.array([np.diag([0.01, 0.02, 0.03]) * (1 + n) for n in range(4)])

@@ -42,6 +42,24 @@ def test_damaged_numbers_are_flagged_not_used(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "cell", ['"-1,650.5"', "-1\u2019650.5", "-1\u202f650.5", "\u22121650.5", '"-1650,5"', "near"]
+)
+def test_a_number_that_is_written_otherwise_is_told_from_one_that_is_not_there(tmp_path: Path, cell: str) -> None:
+    """Both were 'no position', with the advice to record again what a spreadsheet had written with separators."""
+    table = f"x,y,z\n1,2,{cell}\n1,2,\n1,2,NaN\n1,2,-1650500000\n"
+    told = read_recording(written(tmp_path, "r.csv", table)).flagged()
+    plain = "a coordinate that is no plain number, such as -1234.5"
+    assert told == {plain: 1, "no position": 2, "no position within a kilometre": 1}
+
+
+@pytest.mark.parametrize("unit", ["mm", "[mm]", "Millimeters"])
+def test_a_row_of_units_is_no_reading(tmp_path: Path, unit: str) -> None:
+    table = f"label,x (millimetres),y,z\n,{unit},{unit},{unit}\nA,1,2,3\nB,mm,mm,mm\n"
+    read = read_recording(written(tmp_path, "r.csv", table))
+    assert [(point.label, point.usable) for point in read.points] == [("A", True), ("B", False)]
+
+
+@pytest.mark.parametrize(
     ("name", "cell"),
     [
         ("sigma", "0,1mm"),
@@ -80,6 +98,9 @@ def test_a_first_line_that_tells_a_spreadsheet_the_delimiter_is_heard(tmp_path: 
         ("sep=,\n", "is empty"),
         ("x,y,z,unit\n1,2,3,mm\n1,2,3,m\n", "row 2 below the header says its unit is 'm'"),
         ("x,y,z,Units\n1,2,3,inch\n", "unit is 'inch'"),
+        ("frame,x,y,z\n,m,m,m\n1,0.1,0.2,0.3\n", r"column 'x \[m\]'; expected it in mm"),
+        ("x,y,z\n[µm],[µm],[µm]\n1,2,3\n", r"column 'x \[µm\]'; expected it in mm"),
+        ("frame,m0_x,m0_y,m0_z\n1,2,3,4\n", "but no x, y, z; expected x, y, z in mm, and one reading in each row"),
         ("x,y,z,length_unit\n1,2,3,cm\n", "unit is 'cm'"),
         ("x,y,z,frame\n1,2,3,1.5\n", "frame number '1.5'"),
         ("x,y,z,frame\n1,2,3,1e300\n", "frame number '1e300'"),

@@ -139,6 +139,13 @@ def test_a_label_at_two_places_in_two_frames_has_moved() -> None:
     assert np.sqrt(np.trace(marker.covariance_mm2)) > 30
 
 
+def test_a_label_that_jumps_between_two_places_has_moved() -> None:
+    """As of zeros that stand for nothing seen in every other frame: it was given amid them, without a word."""
+    readings = [PointReading(k, TRUTH[0] * (k % 2), "A") for k in range(20)]
+    (marker,) = find_markers(Recording("test", tuple(readings))).markers
+    assert marker.flags == (MarkerFlag.MOVED,)
+
+
 def test_poses_in_several_coordinates_are_no_markers_of_one() -> None:
     tools = tuple(ToolReading(0, name, np.eye(4)) for name in ("ProbeToTracker", "ImageToProbe"))
     with pytest.raises(FrameMismatchError, match="coordinates of Probe, Tracker"):
