@@ -118,15 +118,16 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
     residual = design @ solution - shift / sd_mm
     covariance = _covariance(design[kept], residual[kept], rotation[kept], levers[kept], solution)
     length = np.linalg.norm(residual, axis=1) * sd_mm
+    repeated = told[which] != np.arange(len(offered))
     found = PivotCalibration(
         solution[:3],
         covariance[:3, :3],
         solution[3:6],
         covariance[3:6, 3:6],
         length[which],
-        ~kept[which],
+        ~kept[which] & ~repeated,
         float(np.median(length) / MAXWELL_MEDIAN),
-        told[which] != np.arange(len(offered)),
+        repeated,
     )
     _require_tip(found)
     return found

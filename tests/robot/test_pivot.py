@@ -142,6 +142,7 @@ def test_a_pose_that_is_told_again_to_the_last_digit_tells_nothing_new(how: str)
     np.testing.assert_allclose(again.tip_mm, once.tip_mm, atol=0.02)
     np.testing.assert_allclose(np.diag(again.tip_covariance_mm2), np.diag(once.tip_covariance_mm2), rtol=0.1)
     assert again.kept.sum() == 200
+    assert again.slipped.sum() == (how == "filled in")
     assert again.rms_mm == pytest.approx(once.rms_mm, rel=0.01)
     assert not once.doubts
     assert f"of {len(again.kept)} poses are earlier ones to the last digit" in again.doubts[0]

@@ -100,7 +100,10 @@ def test_a_first_line_that_tells_a_spreadsheet_the_delimiter_is_heard(tmp_path: 
         ("x,y,z,Units\n1,2,3,inch\n", "unit is 'inch'"),
         ("frame,x,y,z\n,m,m,m\n1,0.1,0.2,0.3\n", r"column 'x \[m\]'; expected it in mm"),
         ("x,y,z\n[µm],[µm],[µm]\n1,2,3\n", r"column 'x \[µm\]'; expected it in mm"),
-        ("frame,m0_x,m0_y,m0_z\n1,2,3,4\n", "but no x, y, z; expected x, y, z in mm, and one reading in each row"),
+        (
+            "frame,m0_x,m0_y,m0_z\n1,2,3,4\n",
+            "but no x, y, z; expected x, y, z in mm, or m00 to m33, and one reading in each row",
+        ),
         ("x,y,z,length_unit\n1,2,3,cm\n", "unit is 'cm'"),
         ("x,y,z,frame\n1,2,3,1.5\n", "frame number '1.5'"),
         ("x,y,z,frame\n1,2,3,1e300\n", "frame number '1e300'"),
