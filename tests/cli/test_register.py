@@ -185,7 +185,9 @@ def test_left_out_readings_are_told_and_single_readings_in_one_line(
     once.write_text(once.read_text() + "\n0,foo,1,2\n0,nan,1,2\n0,1e300,1,2\n0,1,2\n")
     assert main(["register", str(markers), str(once), "-o", str(tmp_path / "registration.json")]) == 0
     told = capsys.readouterr().err
-    assert "4 readings left out: no position" in told
+    assert "2 readings left out: no position\n" in told
+    assert "1 reading left out: no position within a kilometre" in told
+    assert "1 reading left out: a coordinate that is no plain number" in told
     assert "all 5 markers were read once only" in told
     assert told.count("read once only") == 1
 
