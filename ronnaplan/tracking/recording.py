@@ -156,6 +156,11 @@ def _near(values: FloatArray) -> bool:
     return bool((np.abs(values) < FARTHEST_MM).all())
 
 
+def _is_filled_in(matrix: FloatArray) -> bool:
+    """Whether a (4, 4) is what programs fill in for a tool that is not seen: no measured pose is the identity."""
+    return np.array_equal(matrix, np.eye(4))
+
+
 def quaternion_pose(quaternion: FloatArray, translation_mm: FloatArray) -> FloatArray | None:
     """Return the (4, 4) of a scalar-first ``quaternion`` (4,) and translation (3,); None if they are no pose."""
     from scipy.spatial.transform import Rotation
@@ -168,7 +173,7 @@ def quaternion_pose(quaternion: FloatArray, translation_mm: FloatArray) -> Float
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
     matrix[:3, 3] = translation_mm
-    return matrix
+    return None if _is_filled_in(matrix) else matrix
 
 
 def tool_reading(
@@ -187,6 +192,8 @@ def tool_reading(
         found = as_pose(square, tolerance=ROTATION_TOLERANCE)
         if not _near(found[:3, 3]):
             raise InputError(f"it is further away than {FARTHEST_MM:g} mm")
+        if _is_filled_in(found):
+            raise InputError("it is the identity, as is filled in for a tool that is not seen")
         pose = found
         excess = orthonormality_excess(square[:3, :3])
     except InputError as error:

@@ -9,13 +9,13 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from ronnaplan.cli import main
 from ronnaplan.documents.reading import to_json
 from ronnaplan.tracking import read_recording
 from tests.documents.registrations import refused, registered
+from tests.tracking.files import AWAY
 from tests.tracking.test_openigtlink import points, pose, server
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -97,7 +97,7 @@ def test_a_stream_of_tools_alone_is_told_to_show_none_of_the_registered_markers(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "registration.json").write_text(to_json(registered()))
-    with server([pose(np.eye(4))], hold=False) as port:
+    with server([pose(AWAY)], hold=False) as port:
         call = ["track", "--port", str(port), "--registration", str(tmp_path / "registration.json")]
         assert main([*call, "-o", str(tmp_path / "r.csv")]) == 0
     assert "only poses of tools came (ProbeToTracker), and no points" in capsys.readouterr().err

@@ -12,6 +12,11 @@ def written(folder: Path, name: str, text: str) -> Path:
     return path
 
 
+AWAY = np.eye(4)
+"""A pose that can have been measured, unlike the identity; of numbers that four bytes hold."""
+AWAY[:3, 3] = 10, -20, -1500
+
+
 def turned(k: int) -> np.ndarray:
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_rotvec([0.1 * k, 0.5, -0.3]).as_matrix()

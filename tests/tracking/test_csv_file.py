@@ -8,7 +8,7 @@ import pytest
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.tracking import PointReading, Recording, ToolReading, read_recording
 from ronnaplan.tracking.csv_file import write_csv
-from tests.tracking.files import matrix_rows, written
+from tests.tracking.files import AWAY, matrix_rows, written
 
 
 def test_csv_columns_are_found_by_name_and_bad_rows_are_kept_with_a_reason(tmp_path: Path) -> None:
@@ -189,7 +189,7 @@ def test_readings_of_every_kind_come_back_from_csv_as_they_were(tmp_path: Path) 
     tools = (
         ToolReading(0, "probe", None, 0.5, None, "no pose: it has 2 numbers; expected 16"),
         ToolReading(1, "never seen", None, status="missing"),
-        ToolReading(2, "probe", np.eye(4), 0.75, 0.11),
+        ToolReading(2, "probe", AWAY, 0.75, 0.11),
     )
     again = read_recording(written(tmp_path, "r.csv", write_csv(Recording("test", points, tools))))
     for first, second in zip((*points, *tools), (*again.points, *again.tools), strict=True):
@@ -222,6 +222,13 @@ def test_a_tools_poses_are_counted_where_their_moments_have_no_numbers(tmp_path:
     numbered = read_recording(written(tmp_path, "n.csv", "frame,x,y,z,q0,qx,qy,qz\n7,1,2,-1500,1,0,0,0\n"))
     assert numbered.numbered
     assert numbered.tools[0].frame == 7
+
+
+def test_the_identity_is_no_pose_that_was_measured(tmp_path: Path) -> None:
+    """Programs fill it in for a tool that is not seen; it stood at the tracker's origin."""
+    table = "label,frame,x,y,z,q0,qx,qy,qz\nT,1,0,0,0,1,0,0,0\nT,2,0,0,-900,1,0,0,0\n"
+    hidden, seen = read_recording(written(tmp_path, "r.csv", table)).tools
+    assert (hidden.status, seen.status) == ("no pose", "ok")
 
 
 def test_a_part_of_a_quaternion_is_refused(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from ronnaplan.tracking import find_markers, igtl_messages, openigtlink
 from ronnaplan.tracking.igtl_messages import Stream
 from ronnaplan.tracking.openigtlink import moments, record
 from ronnaplan.tracking.recording import StreamEnd
+from tests.tracking.files import AWAY
 
 POINTS = [[1.0, 2.0, -1000.0], [4.0, 5.0, -1001.0]]
 
@@ -73,7 +74,7 @@ def test_pyigtls_own_server_is_recorded() -> None:
         while not stop.wait(0.02):
             if source.is_connected():
                 source.send_message(pyigtl.PointMessage(positions=POINTS, device_name="Polaris"), wait=False)
-                source.send_message(pyigtl.TransformMessage(matrix=np.eye(4), device_name="Probe"), wait=False)
+                source.send_message(pyigtl.TransformMessage(matrix=AWAY, device_name="Probe"), wait=False)
 
     sender = threading.Thread(target=send, daemon=True)
     sender.start()
@@ -85,7 +86,7 @@ def test_pyigtls_own_server_is_recorded() -> None:
         source.stop()
     assert {tuple(p.position_mm) for p in recording.points} == {tuple(p) for p in POINTS}
     assert recording.tool_names == ("Probe",)
-    np.testing.assert_array_equal(recording.poses("Probe")[0], np.eye(4))
+    np.testing.assert_array_equal(recording.poses("Probe")[0], AWAY)
 
 
 def test_every_message_of_a_burst_is_kept_however_the_bytes_are_cut() -> None:
@@ -101,11 +102,12 @@ def test_every_message_of_a_burst_is_kept_however_the_bytes_are_cut() -> None:
 
 def test_a_pose_that_is_none_is_kept_flagged() -> None:
     with server(
-        [pose(np.diag([-1.0, 1, 1, 1])), pose(np.full((4, 4), np.nan)), pose(np.eye(4))], hold=False
+        [pose(np.diag([-1.0, 1, 1, 1])), pose(np.full((4, 4), np.nan)), pose(np.eye(4)), pose(AWAY)], hold=False
     ) as port:
         recording = record("127.0.0.1", port, seconds=5)
-    assert [tool.usable for tool in recording.tools] == [False, False, True]
+    assert [tool.usable for tool in recording.tools] == [False, False, False, True]
     assert "left-handed" in recording.tools[0].status
+    assert "it is the identity, as is filled in for a tool that is not seen" in recording.tools[2].status
 
 
 def test_position_messages_in_the_protocols_layouts_and_in_pyigtls() -> None:
@@ -161,7 +163,7 @@ def test_moments_end_where_the_time_of_the_stream_leaps_back() -> None:
 
 
 def pose_of_robot(time_s: float) -> bytes:
-    packed: bytes = pyigtl.TransformMessage(matrix=np.eye(4), device_name="Robot", timestamp=time_s).pack()
+    packed: bytes = pyigtl.TransformMessage(matrix=AWAY, device_name="Robot", timestamp=time_s).pack()
     return packed
 
 
@@ -242,7 +244,7 @@ def test_names_that_are_no_text_end_neither_the_stream_nor_their_message() -> No
 def test_names_from_the_network_cannot_steer_a_terminal() -> None:
     escape = b"\x1b]0;owned\x07\x1b[2J"
     bad = bytearray(named("POINT", escape, b"short"))
-    transform = named("TRANSFORM", escape, pose(np.eye(4))[58:])
+    transform = named("TRANSFORM", escape, pose(AWAY)[58:])
     with server([bytes(bad), named("POINT", b"P", point_item(escape, (1, 2, 3))), transform], hold=False) as port:
         recording = record("127.0.0.1", port, seconds=5)
     told = [*recording.notes, recording.points[0].label, recording.tools[0].tool]
@@ -281,7 +283,7 @@ def test_a_message_with_metadata_is_read_as_pyigtl_packs_it() -> None:
     ],
 )
 def test_a_pose_that_plus_calls_invalid_is_flagged(metadata: dict[str, str], status: str) -> None:
-    sent = pyigtl.TransformMessage(matrix=np.eye(4), device_name="ProbeToTracker")
+    sent = pyigtl.TransformMessage(matrix=AWAY, device_name="ProbeToTracker")
     sent.header_version, sent.metadata = 2, metadata
     packed = sent.pack()
     body = packed[58:70] + np.array([1.0, 2, 3], dtype=">f4").tobytes() + packed[70 + 48 :]
@@ -295,7 +297,7 @@ def test_a_pose_that_plus_calls_invalid_is_flagged(metadata: dict[str, str], sta
 
 
 def test_a_message_whose_metadata_end_early_is_left_out_with_a_note() -> None:
-    sent = pyigtl.TransformMessage(matrix=np.eye(4), device_name="Probe")
+    sent = pyigtl.TransformMessage(matrix=AWAY, device_name="Probe")
     sent.header_version, sent.metadata = 2, {"TransformStatus": "OK"}
     packed = bytearray(sent.pack())
     packed[58 + 12 + 48 + 1] = 9  # entries, of which there is one

@@ -67,9 +67,9 @@ def test_lines_may_end_as_on_an_old_mac(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "tool,frame,x,y,z,q0,qx,qy,qz\nT,7,0,0,0,1,0,0,0\nT,,9,0,0,1,0,0,0\nT,9,9,9,9,2,0,0,0\n",
+        "tool,frame,x,y,z,q0,qx,qy,qz\nT,7,8,0,0,1,0,0,0\nT,,9,0,0,1,0,0,0\nT,9,9,9,9,2,0,0,0\n",
         "tool,frame,m00,m01,m02,m03,m10,m11,m12,m13,m20,m21,m22,m23\n"
-        "T,7,1,0,0,0,0,1,0,0,0,0,1,0\nT,n/a,1,0,0,9,0,1,0,0,0,0,1,0\nT,9,1,0,0,9,0,1,0,9,0,0,2,9\n",
+        "T,7,1,0,0,8,0,1,0,0,0,0,1,0\nT,n/a,1,0,0,9,0,1,0,0,0,0,1,0\nT,9,1,0,0,9,0,1,0,9,0,0,2,9\n",
     ],
 )
 def test_a_pose_without_a_number_among_numbered_ones_is_flagged(tmp_path: Path, text: str) -> None:
