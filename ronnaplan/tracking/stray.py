@@ -124,6 +124,7 @@ def find_markers(recording: Recording, *, sigma_mm: float = SIGMA_OTS_MM) -> Mar
     check_type(recording, Recording, "the recording", "read_recording returns one")
     require_sigma(sigma_mm, "the tracker error")
     readings = [r for r in recording.points if r.usable] or _tool_origins(recording)
+    readings.sort(key=lambda reading: reading.frame)  # some programs list the newest first
     if not readings:
         raise InputError(
             f"{recording.source} holds no usable reading ({_reasons(recording)}); record it again, or correct it"

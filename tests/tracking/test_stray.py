@@ -93,6 +93,7 @@ def test_a_marker_that_left_for_another_place_is_flagged(label: str, mm: float, 
     (marker,) = find_markers(Recording("test", tuple(readings))).markers
     assert np.linalg.norm(marker.position_mm - TRUTH[0]) < 0.1
     assert marker.flags == (MarkerFlag.MOVED,)
+    assert find_markers(Recording("test", tuple(readings[::-1]))).markers[0].flags == marker.flags
     readings[-2:] = [PointReading(frames - 2, TRUTH[0], label), PointReading(frames - 1, TRUTH[0] + away, label)]
     came_back = find_markers(Recording("test", tuple(readings))).markers[0]
     assert came_back.flags == ()
