@@ -48,6 +48,7 @@ AXES = (
     *(frozenset(names) for names in (("m03", "m13", "m23"), ("m14", "m24", "m34"))),
 )
 """What columns of places are called, by the first word of their name."""
+TRUE = frozenset({"true", "yes", "y", "t", "ok"})
 FALSE = frozenset({"0", "false", "no", "n", "f"})
 FORMULA = ("=", "+", "-", "@", "\t", "\r", "'")
 """A spreadsheet takes a text that begins so for a formula, or swallows its first character."""
@@ -241,12 +242,28 @@ def frame_number(path: Path, cell: str, delimiter: str, otherwise: int) -> int:
 def stated_status(row: Mapping[str, str]) -> str:
     """Return what a row says of its reading: `OK` where it says nothing else.
 
+    A word or number that is neither a yes nor a no says that it is not known whether the reading counts.
+
     >>> stated_status({"state": " Missing "}), stated_status({"valid": "0"}), stated_status({"x": "1"})
     ('missing', 'not valid', 'ok')
+    >>> stated_status({"valid": "0.0"}), stated_status({"visible": "FALSCH"}), stated_status({"visible": "4"})
+    ('not valid', "visible is 'falsch', neither yes nor no", 'ok')
     """
     said = [unescaped(row[name].strip()).lower() for name in STATUS_COLUMNS if row.get(name, "").strip()]
-    said += [f"not {name}" for name in TRUTH_COLUMNS if row.get(name, "").strip().lower() in FALSE]
+    said += [
+        _said_of_truth(name, row[name].strip().lower()) for name in TRUTH_COLUMNS if row.get(name, "").strip()
+    ]
     return next((status for status in said if status != OK), OK)
+
+
+def _said_of_truth(name: str, word: str) -> str:
+    """Return what ``word``, not empty, in a column of truth values says; other numbers count what was seen."""
+    count = number(word)
+    if word in FALSE or count == 0.0:
+        return f"not {name}"
+    if word in TRUE or (count is not None and count > 0.0):
+        return OK
+    return f"{name} is '{printable(word, 40)}', neither yes nor no"
 
 
 def plain_text(text: str) -> str:
