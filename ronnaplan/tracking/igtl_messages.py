@@ -87,9 +87,8 @@ class Message:
             middle, end = at + key_size, at + key_size + value_size
             told[text(data[at:middle])] = text(data[middle:end])
             at = end
-        valid = (told.get(POSE_VALID, "1") or "0").replace(
-            "\1", "1"
-        )  # a truth value may be a byte that is no text
+        # a truth value may be a byte that is no text
+        valid = (told.get(POSE_VALID, "1") or "0").replace("\1", "1")
         return stated_status({"status": told.get(POSE_STATUS, ""), "valid": valid})
 
     def _parts(self, body: bytes) -> tuple[bytes, bytes, bytes]:
