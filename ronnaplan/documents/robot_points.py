@@ -19,6 +19,7 @@ from ronnaplan.documents.fields import DocumentModel, Label, LengthMm, Line, Mat
 from ronnaplan.documents.poses import PoseEntry
 from ronnaplan.documents.reading import made, to_json
 from ronnaplan.documents.robot_formats import RobotFormat
+from ronnaplan.documents.ros import yaml_number
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import Pose, as_pose, point_jacobian
@@ -182,8 +183,8 @@ def _ros(document: RobotPointsDocument) -> str:
         "# geometry_msgs/PoseWithCovarianceStamped (m, rad), the tool advances along +z",
     ]
     for name, end, pose in _points(document):
-        w, x, y, z = (f"{each:.12g}" for each in _quaternion(pose))
-        px, py, pz = (f"{each / 1000:.12g}" for each in pose.translation_mm)
+        w, x, y, z = map(yaml_number, _quaternion(pose))
+        px, py, pz = map(yaml_number, pose.translation_mm / 1000)
         order = np.array([3, 4, 5, 0, 1, 2])
         scale = np.repeat([1e-3, 1.0], 3)
         covariance = _about_tip(pose)[np.ix_(order, order)] * np.outer(scale, scale)
@@ -216,7 +217,7 @@ def _krl(document: RobotPointsDocument, name: str) -> str:
     for one in document.trajectories:
         entry, target = one.entry.expected_error, one.target.expected_error
         told = f"expected error {entry:.3f} mm RMS at the entry, {target:.3f} at the target"
-        lines.append(f"; {_ascii(one.name)}: {told}")
+        lines.append(f"; Trajectory {_ascii(one.name)}: {told}")  # FOLD as a comment's first word folds it
         ends = {
             "APP": one.approach,
             "ENT": one.entry.robot_from_tool.matrix,

@@ -26,8 +26,8 @@ def pose_yaml(pose: Pose, *, parent: str, child: str) -> str:
     """Return the pose of ``child`` in ``parent`` as YAML; the pose maps points of the child into the parent."""
     from scipy.spatial.transform import Rotation
 
-    place = dict(zip("xyz", (MM * pose.matrix[:3, 3]).tolist(), strict=True))
-    turn = dict(zip("xyzw", Rotation.from_matrix(pose.matrix[:3, :3]).as_quat().tolist(), strict=True))
+    place = dict(zip("xyz", map(yaml_number, MM * pose.matrix[:3, 3]), strict=True))
+    turn = dict(zip("xyzw", map(yaml_number, Rotation.from_matrix(pose.matrix[:3, :3]).as_quat()), strict=True))
     rows = [", ".join(f"{value:.9e}" for value in row) for row in ros_covariance(pose)]
     return "\n".join(
         [
@@ -37,13 +37,22 @@ def pose_yaml(pose: Pose, *, parent: str, child: str) -> str:
             f"child_frame_id: {child}",
             "pose:",
             "  pose:",
-            "    position: {" + ", ".join(f"{axis}: {value!r}" for axis, value in place.items()) + "}",
-            "    orientation: {" + ", ".join(f"{axis}: {value!r}" for axis, value in turn.items()) + "}",
+            "    position: {" + ", ".join(f"{axis}: {value}" for axis, value in place.items()) + "}",
+            "    orientation: {" + ", ".join(f"{axis}: {value}" for axis, value in turn.items()) + "}",
             "  covariance: [",
             ",\n".join(f"    {row}" for row in rows) + "]",
             "",
         ]
     )
+
+
+def yaml_number(value: float) -> str:
+    """Return a number of metres, or of a quaternion, with a point: YAML 1.1, which ROS reads, takes 1e-05 for text.
+
+    >>> yaml_number(1e-05)
+    '0.000010000000'
+    """
+    return f"{value:.12f}"
 
 
 def ros_covariance(pose: Pose) -> FloatArray:

@@ -79,8 +79,8 @@ def calibrate_on_board(
     _, k_left, d_left, turns, _ = cv2.calibrateCamera(boards, firsts, size, None, None)
     _require_tilts(_turns(turns))
     _, k_right, d_right, others, _ = cv2.calibrateCamera(boards, seconds, size, None, None)
-    reversed_ = _counted_from_the_other_end(exponential(_turns(turns)), exponential(_turns(others)))
-    seconds = [corners[::-1] if other else corners for corners, other in zip(seconds, reversed_, strict=True)]
+    quarters = _quarters_apart(exponential(_turns(turns)), exponential(_turns(others)), corners[0] == corners[1])
+    seconds = [_recounted(one, corners, turned) for one, turned in zip(seconds, quarters, strict=True)]
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 200, 1e-9)
     found = cv2.stereoCalibrate(
         boards, firsts, seconds, k_left, d_left, k_right, d_right, size,
@@ -143,22 +143,30 @@ def _turns(vectors: object) -> FloatArray:
     return np.array(vectors, dtype=np.float64).reshape(-1, 3)
 
 
-def _counted_from_the_other_end(left: FloatArray, right: FloatArray) -> list[bool]:
-    """Tell for which boards, seen with rotations (N, 3, 3), the right camera's corners are counted from the other end.
+def _quarters_apart(left: FloatArray, right: FloatArray, square: bool) -> list[int]:
+    """Return by how many quarter turns the right camera counts each board's corners otherwise than the left.
 
-    A board that looks the same upside down has two first corners, and the cameras may not have taken the same. The
-    cameras rest against each other, so the choice is the one with the steadiest rotation between them.
+    Boards are seen with rotations (N, 3, 3). One that looks the same upside down, or on its side where it is
+    ``square``, has several first corners, and the cameras may not have taken the same. The cameras rest against each
+    other, so the choice is the one with the steadiest rotation between them.
     """
     from scipy.spatial.transform import Rotation
 
-    upside_down = np.diag([-1.0, -1.0, 1.0])
-    choices = np.stack([right @ turn @ left.swapaxes(1, 2) for turn in (np.eye(3), upside_down)])
+    counts = (0, 1, 2, 3) if square else (0, 2)
+    turns = exponential(np.outer(counts, (0.0, 0.0, np.pi / 2)))
+    choices = right @ turns[:, None] @ left.swapaxes(1, 2)
     angles: list[list[FloatArray]] = [
         [np.atleast_1d(Rotation.from_matrix(reference.T @ choice).magnitude()) for choice in choices]
         for reference in choices[:, 0]
     ]
-    best = min(angles, key=lambda one: float(np.minimum(one[0], one[1]).sum()))
-    return [bool(other) for other in best[1] < best[0]]
+    best = min(angles, key=lambda one: float(np.min(one, axis=0).sum()))
+    return [counts[n] for n in np.argmin(best, axis=0)]
+
+
+def _recounted(seen: FloatArray, corners: tuple[int, int], quarters: int) -> FloatArray:
+    """Return the places of a board's corners, row by row, in the order in which they are counted ``quarters`` on."""
+    columns, rows = corners
+    return np.rot90(seen.reshape(rows, columns, 2), quarters).reshape(seen.shape)
 
 
 def _require_tilts(turns: FloatArray) -> None:

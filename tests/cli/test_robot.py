@@ -229,6 +229,19 @@ def test_names_in_any_script_are_read_from_yaml_as_they_were_given(home: Path, t
     assert {message["name"].removesuffix(" target") for message in messages} >= {name}
 
 
+def test_no_trajectory_s_name_folds_away_the_lines_that_follow(home: Path, tmp_path: Path) -> None:
+    """Editors of KRL begin a fold at a comment whose first word is FOLD, and end one at ENDFOLD."""
+    first = cases.plan().trajectories[0]
+    named = tuple(replace(first, name=name, colour="") for name in ("FOLD left", "ENDFOLD"))
+    write_plan(tmp_path / "plan.json", replace(cases.plan(), trajectories=named))
+    out = tmp_path / "points.dat"
+    inputs = (str(home / "final.json"), str(tmp_path / "plan.json"))
+    assert main(["robot", "export", *inputs, "--to", "krl", "-o", str(out)]) == 0
+    lines = out.read_text().splitlines()
+    assert sum("FOLD left" in line or "ENDFOLD:" in line for line in lines) == 2
+    assert not any(re.match(r"\s*;\s*(END)?FOLD\b", line) for line in lines)
+
+
 @pytest.mark.parametrize(
     ("name", "listed"), [("frame.dat", "T_FRAME"), ("pos.dat", "T_POS"), ("frames.dat", "FRAMES")]
 )

@@ -47,3 +47,15 @@ def test_the_text_holds_the_pose_in_metres_and_a_unit_quaternion() -> None:
     np.testing.assert_allclose(
         np.array(read["pose"]["covariance"], dtype=float).reshape(6, 6), ros_covariance(pose), rtol=1e-8
     )
+
+
+def test_numbers_without_a_point_are_not_taken_for_text() -> None:
+    """ROS reads YAML 1.1, where 1e-05 is a text and 1.0e-05 a number."""
+    import yaml
+
+    matrix = np.eye(4)
+    matrix[:3, 3] = [0.01, 0.0, -2000.0]
+    pose = Pose(matrix, np.eye(6), Frame("OTS"), Frame("CT"))
+    inner = yaml.safe_load(pose_yaml(pose, parent="ots", child="ct"))["pose"]["pose"]
+    assert inner["position"] == {"x": 1e-5, "y": 0.0, "z": -2.0}
+    assert all(isinstance(number, float) for group in inner.values() for number in group.values())

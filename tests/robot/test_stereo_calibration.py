@@ -14,7 +14,8 @@ from ronnaplan.robot.camera import StereoRig
 from ronnaplan.robot.stereo import locate_sphere
 from ronnaplan.robot.stereo_calibration import (
     FEWEST_BOARDS,
-    _counted_from_the_other_end,
+    _quarters_apart,
+    _recounted,
     calibrate_on_board,
     calibrate_tcp,
 )
@@ -88,12 +89,24 @@ def test_board_images_that_do_not_show_the_board_are_refused() -> None:
         calibrate_on_board(left, right[:5], corners=CORNERS, square_mm=SQUARE)
 
 
-def test_a_board_that_looks_the_same_upside_down_is_counted_alike_by_both_cameras() -> None:
-    left = Rotation.from_rotvec(np.random.default_rng(0).normal(size=(8, 3)) * 0.3).as_matrix()
-    other = np.array([False, True, False, False, True, True, False, False])
-    upside_down = np.where(other[:, None, None], np.diag([-1.0, -1, 1]), np.eye(3))
-    right = RIGHT[:3, :3].T @ left @ upside_down
-    assert _counted_from_the_other_end(left, right) == other.tolist()
+@pytest.mark.parametrize(("corners", "least"), [((9, 7), 2), ((4, 4), 1)])
+def test_a_board_that_looks_the_same_turned_is_counted_alike_by_both_cameras(
+    corners: tuple[int, int], least: int
+) -> None:
+    """Upside down, and on its side where it is square: each camera takes any of its corners for the first one."""
+    rng = np.random.default_rng(0)
+    left = Rotation.from_rotvec(rng.normal(size=(8, 3)) * 0.3)
+    quarters = least * rng.integers(0, 4 // least, 8)
+    turned = Rotation.from_euler("z", -90.0 * quarters[:, None], degrees=True)
+    right = RIGHT[:3, :3].T @ (left * turned).as_matrix()
+    assert _quarters_apart(left.as_matrix(), right, square=corners[0] == corners[1]) == quarters.tolist()
+    grid = np.append(
+        np.mgrid[: corners[0], : corners[1]].T.reshape(-1, 2), np.zeros((np.prod(corners), 1)), axis=1
+    )
+    grid -= grid.mean(axis=0)
+    for place, one, count in zip(left, turned, quarters.tolist(), strict=True):
+        seen = (place * one).apply(grid)[:, :2]
+        np.testing.assert_allclose(_recounted(seen, corners, count), place.apply(grid)[:, :2], atol=1e-12)
 
 
 @pytest.mark.usefixtures("found_once")
