@@ -14,6 +14,8 @@ from ronnaplan.planning.template_layout import Bridge
 ROOM_MM = 3.0
 """Between the plate and the scalp where they come nearest."""
 FLATTEST_MM = 2000.0
+CURVATURES = 201
+"""From the flattest to the most bent plate: as many are looked at."""
 LEAST_SITES = 30
 NEAR_SITE_MM = 20.0
 """A template's place is a place on the scalp within so much."""
@@ -27,7 +29,7 @@ class Fitted:
     bridge: Bridge
     lps_from_template: FloatArray
     widest_gap_mm: float
-    """Between the plate and the scalp; the narrowest is `ROOM_MM`."""
+    """Between the plate and the scalp beneath it, across the plate; the narrowest is `ROOM_MM`."""
 
 
 def bent_to_scalp(bridge: Bridge, sites: Sites, at_mm: FloatArray | None = None) -> Fitted:
@@ -36,8 +38,6 @@ def bent_to_scalp(bridge: Bridge, sites: Sites, at_mm: FloatArray | None = None)
     Of all radii the one whose widest gap to the scalp is least. Raises `InputError` for a place off the scalp or too
     few sites beneath the plate, `RefusedError` for a place on the front or the back of the head.
     """
-    from scipy.optimize import minimize_scalar
-
     places, normals = sites.scalp_mm, sites.normals
     wanted = places[places[:, 2].argmax()] if at_mm is None else at_mm
     near = int(np.linalg.norm(places - wanted, axis=1).argmin())
@@ -57,27 +57,26 @@ def bent_to_scalp(bridge: Bridge, sites: Sites, at_mm: FloatArray | None = None)
             "does not show the head there"
         )
 
-    def heights_mm(curvature: float) -> FloatArray:
-        """Of the plate over the scalp, the plate's top at the place."""
-        heights: FloatArray = -_sunk(beneath[:, 0], curvature) - beneath[:, 2]
-        return heights
-
-    bounds = (1.0 / FLATTEST_MM, 2.0 / bridge.size_mm[0])
-    curvature = float(
-        minimize_scalar(lambda curvature: np.ptp(heights_mm(curvature)), bounds=bounds, method="bounded").x
+    curvatures = np.linspace(1.0 / FLATTEST_MM, 2.0 / bridge.size_mm[0], CURVATURES)
+    widest_mm, radius_mm, lift_mm = min(
+        _lying(beneath, 1.0 / one, bridge.size_mm[0]) for one in curvatures.tolist()
     )
-    heights = heights_mm(curvature)
     pose = np.eye(4)
     pose[:3, :3] = axes.T
-    pose[:3, 3] = places[near] + (ROOM_MM - heights.min()) * axes[2]
-    return Fitted(replace(bridge, radius_mm=1.0 / curvature), pose, float(np.ptp(heights)) + ROOM_MM)
+    pose[:3, 3] = places[near] + lift_mm * axes[2]
+    return Fitted(replace(bridge, radius_mm=radius_mm), pose, widest_mm)
 
 
-def _sunk(across_mm: FloatArray, curvature: float) -> FloatArray:
-    """Return how far a plate bent so much lies below its top at ``across_mm`` (N,) from its middle."""
-    inside = np.maximum(1.0 - (curvature * across_mm) ** 2, 0.0)
-    sunk: FloatArray = curvature * across_mm**2 / (1.0 + np.sqrt(inside))
-    return sunk
+def _lying(places_mm: FloatArray, radius_mm: float, width_mm: float) -> tuple[float, float, float]:
+    """Return the widest gap to places (N, 3) of the scalp, the radius, and the height of a plate's middle, mm.
+
+    The plate is bent to ``radius_mm`` and lowered until the places beneath it are no nearer than `ROOM_MM`.
+    """
+    across, up = places_mm[:, 0], places_mm[:, 2] + radius_mm
+    beneath = np.abs(np.arctan2(across, up)) * radius_mm <= width_mm / 2
+    across, up = across[beneath], up[beneath]
+    lift_mm = float((up - np.sqrt(np.maximum((radius_mm - ROOM_MM) ** 2 - across**2, 0.0))).max())
+    return float((radius_mm - np.hypot(across, up - lift_mm)).max()), radius_mm, lift_mm
 
 
 def _axes(normal: FloatArray) -> FloatArray:

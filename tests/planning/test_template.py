@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.correspondence import describe_layout
@@ -166,22 +167,33 @@ def test_bending_keeps_lengths_along_the_lower_surface_and_heights() -> None:
     np.testing.assert_allclose(raised - bent, 7.0 * (bent + np.array([0, 0, 80.0])) / 80.0, atol=1e-9)
 
 
-def test_a_plate_follows_a_scalp_and_keeps_off_it() -> None:
-    axes = np.array([75.0, 95.0, 85.0])
-    rng = np.random.default_rng(1)
-    directions = rng.normal(size=(6000, 3))
-    directions = directions[directions[:, 2] > 0]
+@pytest.mark.parametrize(
+    ("axes_mm", "size_mm", "at_mm"),
+    [
+        ((75.0, 95.0, 85.0), (100.0, 60.0), None),
+        ((45.0, 55.0, 50.0), (78.0, 52.0), None),  # an infant's
+        ((76.0, 95.0, 85.0), (120.0, 80.0), (54.0, 0.0, 60.0)),  # halfway to the ear
+    ],
+)
+def test_a_plate_follows_a_scalp_and_is_as_near_as_is_told(
+    axes_mm: tuple[float, ...], size_mm: tuple[float, float], at_mm: tuple[float, ...] | None
+) -> None:
+    """Both figures of the gap are those across the plate, not along its middle's axis."""
+    axes = np.array(axes_mm)
+    directions = np.random.default_rng(1).normal(size=(12_000, 3))
+    directions = directions[directions[:, 2] > -0.5]
     scalp = directions / np.linalg.norm(directions / axes, axis=1, keepdims=True)
     normals = scalp / axes**2
     sites = Sites(scalp, normals / np.linalg.norm(normals, axis=1, keepdims=True), np.zeros(3))
-    bridge = Bridge(size_mm=(100.0, 60.0))
-    fitted = bent_to_scalp(bridge, sites)
-    assert fitted.bridge.radius_mm == pytest.approx(75.0**2 / 85.0, rel=0.25)
-    across, depth = np.meshgrid(np.linspace(-45, 45, 31), np.linspace(-30, 30, 21))
+    fitted = bent_to_scalp(Bridge(size_mm=size_mm), sites, None if at_mm is None else np.array(at_mm))
+    sides = (np.linspace(-side / 2, side / 2, 41) for side in size_mm)
+    across, depth = np.meshgrid(*sides)
     under = fitted.bridge.bent(np.stack([across, depth, 0 * across], axis=-1)).reshape(-1, 3)
     lps = under @ fitted.lps_from_template[:3, :3].T + fitted.lps_from_template[:3, 3]
     assert np.linalg.norm(lps / axes, axis=1).min() > 1.0
-    assert ROOM_MM < fitted.widest_gap_mm < 12.0
+    gaps = np.asarray(cKDTree(scalp).query(lps)[0])
+    assert gaps.min() == pytest.approx(ROOM_MM, abs=0.3)
+    assert gaps.max() == pytest.approx(fitted.widest_gap_mm, rel=0.15)
     assert np.linalg.det(fitted.lps_from_template[:3, :3]) == pytest.approx(1.0)
 
 
