@@ -27,6 +27,9 @@ LARGEST_SD_MM = 0.5
 """A resting sphere's places scatter by less: those that do not come of poses of other moments, or in other units."""
 LARGEST_SIZE_ERROR = 0.01
 """What a sphere's diameter and its outlines say of its distance is within 0.004 of what the cameras' lines say."""
+BRIGHTEST_PERCENT = (100, 95)
+"""What is brighter than so much of the image is taken for white when boards are looked for: nothing at first, then a
+retro-reflective marker or another highlight, beside which a board may be too dark to be found."""
 SMALLEST_INFORMATION = 1e-6
 """Smallest over largest eigenvalue of the scaled normal matrix for poses that determine ``tcp_from_rig``."""
 
@@ -189,9 +192,12 @@ def _corners(image: Image, corners: tuple[int, int]) -> FloatArray | None:
     import cv2
 
     grey = np.asarray(image, dtype=np.float64)
-    scaled = np.clip(grey * (255 / max(float(grey.max()), 1e-9)), 0, 255).astype(np.uint8)
-    found, places = cv2.findChessboardCornersSB(scaled, corners, flags=cv2.CALIB_CB_ACCURACY)
-    return np.asarray(places) if found else None
+    for white in np.percentile(grey, BRIGHTEST_PERCENT):
+        scaled = np.clip(grey * (255 / max(float(white), 1e-9)), 0, 255).astype(np.uint8)
+        found, places = cv2.findChessboardCornersSB(scaled, corners, flags=cv2.CALIB_CB_ACCURACY)
+        if found:
+            return np.asarray(places)
+    return None
 
 
 def _start(poses: FloatArray, spheres: FloatArray) -> FloatArray:

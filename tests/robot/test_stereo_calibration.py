@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from phantoms import cameras as rendering
+from phantoms.robot_session import DISTORTIONS, MATRICES, SIZE
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.pose import invert
 from ronnaplan.robot import stereo_calibration
@@ -116,6 +117,20 @@ def test_board_images_that_contradict_each_other_are_refused(monkeypatch: pytest
     left, right = boards()
     with pytest.raises(InputError, match="contradict each other by"):
         calibrate_on_board(left[:FEWEST_BOARDS], right[:FEWEST_BOARDS], corners=CORNERS, square_mm=SQUARE)
+
+
+def test_a_board_is_found_beside_what_is_far_brighter() -> None:
+    """A retro-reflective marker that lies beside it, or a lamp."""
+    rng = np.random.default_rng(6)
+    pose = board_place(rng, 20.0)
+    bright = rendering.board_image(pose, CORNERS, SQUARE, MATRICES[0], DISTORTIONS[0], rng, SIZE)
+    dark = (0.12 * bright).astype(np.uint8)
+    dark[20:60, 20:60] = 255
+    found = [stereo_calibration._corners(image, CORNERS) for image in (bright, dark)]
+    assert found[0] is not None
+    assert found[1] is not None
+    off_px = (found[1] - found[0]).reshape(-1, 2)
+    assert np.sqrt((off_px**2).mean()) < 0.1
 
 
 def test_boards_that_hardly_tilt_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
