@@ -72,7 +72,10 @@ def calibrate_on_board(
     pairs = [(_corners(a, corners), _corners(b, corners)) for a, b in zip(left, right, strict=True)]
     seen = [(a, b) for a, b in pairs if a is not None and b is not None]
     if len(seen) < FEWEST_BOARDS:
-        raise InputError(f"the whole board is seen in {len(seen)} image pairs; expected {FEWEST_BOARDS} or more")
+        raise InputError(
+            f"the whole board is seen in {len(seen)} image pairs; expected {FEWEST_BOARDS} or more of a plain "
+            f"chessboard (no ChArUco) of {corners[0]} x {corners[1]} inner corners, all of it in both images"
+        )
     grid = np.zeros((corners[0] * corners[1], 3), np.float32)
     grid[:, :2] = np.mgrid[: corners[0], : corners[1]].T.reshape(-1, 2) * square_mm
     boards = [grid] * len(seen)
@@ -124,8 +127,8 @@ def calibrate_tcp(robot_from_tcp: ArrayLike, spheres_mm: ArrayLike) -> TcpCalibr
     if found.sd_mm > LARGEST_SD_MM:
         raise RefusedError(
             f"the sphere did not rest, or poses and images do not belong together: its places in R scatter by "
-            f"{found.sd_mm:.2g} mm per axis, expected at most {LARGEST_SD_MM:g}; check the frames' numbers, and that "
-            "the robot's poses are in mm"
+            f"{found.sd_mm:.2g} mm per axis, expected at most {LARGEST_SD_MM:g}; check the frames' numbers, that the "
+            "robot's poses are in mm, and that no camera mirrors its images"
         )
     return found
 

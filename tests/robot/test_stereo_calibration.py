@@ -84,7 +84,9 @@ def test_cameras_calibrated_on_a_board_measure_the_sphere_to_a_fiftieth_of_a_mil
 def test_board_images_that_do_not_show_the_board_are_refused() -> None:
     left, right = boards()
     blank = [np.full_like(left[0], 100)] * FEWEST_BOARDS
-    with pytest.raises(InputError, match="in 1 image pairs"):
+    with pytest.raises(
+        InputError, match=r"in 1 image pairs; expected 6 or more of a plain chessboard .* 9 x 7 inner"
+    ):
         calibrate_on_board(left[:1] + blank[1:], right[:1] + blank[1:], corners=CORNERS, square_mm=SQUARE)
     with pytest.raises(InputError, match="pairs of one size"):
         calibrate_on_board(left, right[:5], corners=CORNERS, square_mm=SQUARE)
@@ -168,6 +170,13 @@ def test_one_resting_sphere_seen_from_many_poses_places_the_rig_on_the_robot() -
     found = calibrate_tcp(poses, spheres)
     np.testing.assert_allclose(found.tcp_from_rig.matrix, truth, atol=1e-6)
     np.testing.assert_allclose(found.sphere_robot_mm, [700, 200, 300], atol=1e-6)
+
+
+def test_cameras_that_mirror_their_images_place_no_rig() -> None:
+    """A board looks alike in a mirror, so that it calibrates them; the robot's motion tells."""
+    poses, spheres, _ = looks(0, 12, 0.01)
+    with pytest.raises(RefusedError, match="no camera mirrors its images"):
+        calibrate_tcp(poses, spheres * [-1, 1, 1])
 
 
 def test_the_rigs_place_has_the_stated_error() -> None:
