@@ -59,11 +59,15 @@ def template_solid(found: TemplateLayout) -> Solid:
 
 
 def label_place(found: TemplateLayout, hole_mm: FloatArray) -> FloatArray:
-    """Return where (2,) a hole's label is engraved: towards the middle of all holes, where the bars leave room."""
+    """Return where (2,) a hole's label is engraved: towards the middle of all holes, where the bars leave room.
+
+    A wide hole keeps off the middle of its letter: an E without its foot is an F.
+    """
+    from_hole_mm = max(LETTER_FROM_HOLE_MM, found.bridge.hole_diameter_mm / 2 + LETTER_MM / 2)
     way = found.holes_mm.mean(axis=0) - hole_mm
     length = float(np.linalg.norm(way))
     inward = way / length if length > 1 else np.array([0.0, 1.0])
-    return np.asarray(hole_mm + inward * LETTER_FROM_HOLE_MM)
+    return np.asarray(hole_mm + inward * from_hole_mm)
 
 
 def _plate(found: TemplateLayout) -> Any:

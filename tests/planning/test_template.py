@@ -31,7 +31,7 @@ from ronnaplan.planning.template_layout import (
     refusal_text,
     require_unmistakable,
 )
-from ronnaplan.planning.template_solid import outline, template_solid
+from ronnaplan.planning.template_solid import _letters, label_place, outline, template_solid
 from tests.localization.test_template import markers
 from tests.names import ANY_NAME
 
@@ -165,6 +165,20 @@ def test_bending_keeps_lengths_along_the_lower_surface_and_heights() -> None:
     assert np.linalg.norm(np.diff(bent, axis=0), axis=1).sum() == pytest.approx(100.0, abs=1e-3)
     raised = bridge.bent(way + np.array([0, 0, 7.0]))
     np.testing.assert_allclose(raised - bent, 7.0 * (bent + np.array([0, 0, 80.0])) / 80.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("hole_mm", [2.4, 6.0, 8.9])
+def test_no_hole_takes_the_foot_of_a_letter(hole_mm: float) -> None:
+    """An E without it is an F: of no letter more than a tenth is lost to its hole."""
+    import manifold3d
+
+    holes = np.array([[-40.0, 25.0], [40.0, 20.0], [-30.0, -25.0], [25.0, -25.0], [0.0, 0.0]])
+    found = TemplateLayout(Bridge(hole_diameter_mm=hole_mm), holes)
+    for label, place in zip(found.labels, holes, strict=True):
+        letter = manifold3d.CrossSection(_letters(label), manifold3d.FillRule.EvenOdd)
+        letter = letter.translate(label_place(found, place).tolist())
+        hole = manifold3d.CrossSection.circle(hole_mm / 2, 64).translate(place.tolist())
+        assert (letter ^ hole).area() < 0.1 * letter.area()
 
 
 @pytest.mark.parametrize(
