@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.plan import read_plan
     from ronnaplan.documents.robot_points import KRL_LIST, NOTICE, export_points
     from ronnaplan.errors import UsageError
-    from ronnaplan.robot.trajectories import robot_trajectory
+    from ronnaplan.robot.trajectories import robot_trajectory, roll_doubts
 
     if not 0 <= arguments.approach <= LARGEST_APPROACH_MM:
         raise UsageError(f"--approach {arguments.approach:g} is no distance of 0 to {LARGEST_APPROACH_MM:g} mm")
@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
     ]
     named = Path(arguments.output).stem if arguments.output else KRL_LIST
     write_result(arguments.output, export_points(trajectories, chain, to, arguments.approach, named))
-    warn(*chain.notes)
+    warn(*chain.notes, *roll_doubts(trajectories, arguments.x_axis))
     for one in trajectories:
         entry, target = one.expected_errors_mm
         print(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +14,10 @@ from ronnaplan.geometry import FloatArray, Frame, as_numbers, as_points, unit
 from ronnaplan.planning.trajectory import SHORTEST_PATH_MM
 from ronnaplan.pose import Pose, point_jacobian, rigid
 from ronnaplan.robot.chain import R
+from ronnaplan.text import listed
+
+NEARLY_ALONG_DEG = 20.0
+"""A tool's roll whose x axis is asked so near to its trajectory turns three times as far as trajectories differ."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +96,20 @@ def robot_trajectory(
     about_tip[:, 3:] = point_jacobian(np.array([entry, target]))
     covariances = about_tip @ robot_from_ct.covariance @ about_tip.transpose(0, 2, 1)
     return RobotTrajectory(name, entry, target, covariances, rigid(rotation, entry), rigid(rotation, target))
+
+
+def roll_doubts(trajectories: Sequence[RobotTrajectory], x_axis: ArrayLike) -> tuple[str, ...]:
+    """Return a sentence that names the trajectories nearly along ``x_axis``, where there are any."""
+    asked = unit(as_numbers(x_axis, "the tool's x axis", "a direction (3,)"))
+    least = np.cos(np.radians(NEARLY_ALONG_DEG))
+    along = [one.name for one in trajectories if abs(float(one.direction @ asked)) > least]
+    if not along:
+        return ()
+    return (
+        f"the direction that the tool's x axis keeps close to is within {NEARLY_ALONG_DEG:g} degrees of "
+        f"{listed(along)}: rolls about trajectories beside each other may differ by up to half a turn; choose "
+        "a direction across them (--x-axis)",
+    )
 
 
 def _tool_axes(advance: FloatArray, x_axis: FloatArray, name: str) -> FloatArray:

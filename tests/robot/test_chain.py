@@ -8,7 +8,7 @@ from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import Frame, Points
 from ronnaplan.pose import Pose
 from ronnaplan.robot.chain import OTS, TCP, Capture, M, R, robot_from_ct, to_frame
-from ronnaplan.robot.trajectories import robot_trajectory
+from ronnaplan.robot.trajectories import robot_trajectory, roll_doubts
 
 CT = Frame("CT", "1.2.3")
 
@@ -84,6 +84,19 @@ def test_a_trajectory_keeps_its_length_and_the_tool_advances_along_it() -> None:
     assert np.linalg.norm(outside[:3, 3] - found.target_mm) == pytest.approx(found.depth_mm + 50)
     np.testing.assert_allclose(found.covariances_mm2, chain.point_covariances([entry, target]))
     assert 0 < found.lateral_sd_mm <= np.sqrt(np.linalg.eigvalsh(found.covariances_mm2[1])[-1])
+
+
+def test_trajectories_whose_rolls_differ_by_far_more_than_they_do_are_named() -> None:
+    """Tools on two trajectories 10 degrees apart, with the x axis asked amid them, lie half a turn apart."""
+    exact = Pose(np.eye(4), 1e-9 * np.eye(6), R, CT)
+    ends = {"left": (100.0, 9.0, 0.0), "right": (-100.0, 9.0, 0.0), "across": (0.0, 90.0, 90.0)}
+    found = [robot_trajectory(name, end, (0.0, 0.0, 0.0), exact, frame=CT) for name, end in ends.items()]
+    beside = robot_trajectory("beside", (100.0, -9.0, 0.0), (0.0, 0.0, 0.0), exact, frame=CT)
+    turned = Rotation.from_matrix(found[0].at_entry[:3, :3].T @ beside.at_entry[:3, :3])
+    assert np.degrees(turned.magnitude()) > 160
+    (told,) = roll_doubts(found, (2.0, 0, 0))
+    assert "within 20 degrees of left, right: rolls" in told
+    assert roll_doubts(found, (0, 0, 1.0)) == ()
 
 
 def test_a_trajectory_of_another_scan_or_without_direction_is_refused() -> None:
