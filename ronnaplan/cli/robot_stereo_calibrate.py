@@ -49,6 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     spheres = in_rig(looks, unplaced, diameter_mm=arguments.diameter)
     require_size(spheres, unplaced, arguments.diameter)
     tcp = calibrate_tcp(poses, [sphere.position_mm for sphere in spheres])
+    notes = (*notes, *cameras.doubts)
     warn(*notes)
     write_document(arguments.output, rig_document(cameras, tcp, len(looks), arguments.diameter, notes), read_rig)
     tell(

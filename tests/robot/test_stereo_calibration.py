@@ -70,6 +70,7 @@ def test_cameras_calibrated_on_a_board_measure_the_sphere_to_a_fiftieth_of_a_mil
     calibration = calibrate_on_board(*boards(), corners=CORNERS, square_mm=SQUARE)
     rig = StereoRig(calibration.left, calibration.right, RIG_EXACT.tcp_from_rig)
     assert calibration.rms_px < 0.15
+    assert calibration.doubts == ()
     rng = np.random.default_rng(7)
     truth = [
         np.array([x, y, z]) for x, y, z in ((-8.0, -6, 296), (9, -5, 300), (-7, 8, 304), (8, 7, 298), (0, 0, 301))
@@ -78,6 +79,21 @@ def test_cameras_calibrated_on_a_board_measure_the_sphere_to_a_fiftieth_of_a_mil
     a, b = np.array(truth) - np.mean(truth, axis=0), np.array(found) - np.mean(found, axis=0)
     turn = Rotation.align_vectors(a, b)[0].as_matrix()
     assert np.linalg.norm(b @ turn.T - a, axis=1).max() < 0.02
+
+
+@pytest.mark.usefixtures("found_once")
+def test_boards_that_stay_in_the_middle_of_larger_images_are_told() -> None:
+    left, right = boards()
+    around = [[np.pad(image, (np.array(image.shape) // 2)[:, None]) for image in side] for side in (left, right)]
+    for side, images in zip((left, right), around, strict=True):
+        for small, large in zip(side, images, strict=True):
+            rows, columns = small.shape
+            corners = stereo_calibration._corners(small, CORNERS)
+            assert corners is not None
+            _found[large.tobytes()] = corners + np.array([columns // 2, rows // 2], dtype=np.float32)
+    calibration = calibrate_on_board(*around, corners=CORNERS, square_mm=SQUARE)
+    assert calibration.reaches == pytest.approx((0.32, 0.34), abs=0.01)
+    assert "reach out to 32% of the way from the left image's middle" in calibration.doubts[0]
 
 
 @pytest.mark.usefixtures("found_once")
