@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ronnaplan.ct.progress import Progress, advancing
 from ronnaplan.geometry import FloatArray
@@ -113,11 +113,6 @@ class Examined:
         """Full width at half maximum of the fitted slice profile."""
         return profile_fwhm_mm(self.parameters)
 
-    def is_same_place(self, other: Examined) -> bool:
-        """Whether both are about the same ball."""
-        apart = float(np.linalg.norm(self.center_mm - other.center_mm))
-        return apart < SAME_PLACE * min(self.stated_mm, other.stated_mm)
-
 
 def examine(
     scan: Scan, diameters_mm: Sequence[float], build: Build = SOLID, progress: Progress = False
@@ -148,11 +143,23 @@ def places_for(scan: Scan, diameter_mm: float, build: Build = SOLID) -> list[Flo
 
 def distinct(accepted: Iterable[Examined]) -> list[Examined]:
     """One marker a place, the better fit of two, best fits first."""
-    kept: list[Examined] = []
-    for one in sorted(accepted, key=lambda one: one.misfit):
-        if not any(one.is_same_place(other) for other in kept):
-            kept.append(one)
-    return kept
+    ordered = sorted(accepted, key=lambda one: one.misfit)
+    kept: list[int] = []
+    for n, same in enumerate(same_places(ordered, ordered)):
+        if not same[kept].any():
+            kept.append(n)
+    return [ordered[n] for n in kept]
+
+
+def same_places(ones: Sequence[Examined], others: Sequence[Examined]) -> NDArray[np.bool_]:
+    """Which of ``ones`` are about the same ball as which of ``others`` (N, M); of both there may be thousands."""
+    centers_mm = np.array([other.center_mm for other in others]).reshape(-1, 3)
+    stated_mm = np.array([other.stated_mm for other in others])
+    same = [
+        np.linalg.norm(centers_mm - one.center_mm, axis=1) < SAME_PLACE * np.minimum(stated_mm, one.stated_mm)
+        for one in ones
+    ]
+    return np.array(same, dtype=np.bool_).reshape(len(ones), len(others))
 
 
 def fit_place(
@@ -246,8 +253,8 @@ def examine_place(
 
 def _apart(places_mm: FloatArray, least_mm: float) -> list[FloatArray]:
     """The places (N, 3), strongest first, without those that lie close to a stronger one."""
-    kept: list[FloatArray] = []
-    for place in places_mm:
-        if all(math.dist(place, other) >= least_mm for other in kept):
-            kept.append(place)
-    return kept
+    kept: list[int] = []
+    for n, place in enumerate(places_mm):
+        if np.all(np.linalg.norm(places_mm[kept] - place, axis=1) >= least_mm):
+            kept.append(n)
+    return list(places_mm[kept])

@@ -30,7 +30,7 @@ from ronnaplan.ct.progress import Progress
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import InputError, RefusedError, UsageError, check_type
 from ronnaplan.localization.build import SOLID, Build
-from ronnaplan.localization.examine import Examined, distinct, examine, examine_places
+from ronnaplan.localization.examine import Examined, distinct, examine, examine_places, same_places
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
 from ronnaplan.localization.judge.motion import LEAST_TOGETHER
 from ronnaplan.localization.scanner.scan import Scan
@@ -238,9 +238,9 @@ def _numbered(scan: Scan, markers: Sequence[Examined]) -> list[Fiducial]:
 
 def _rejected(examined: Iterable[Examined], markers: Sequence[Examined]) -> tuple[Rejected, ...]:
     """The candidates that failed, fewest tests first; those that turned out to be markers are left out."""
-    failed = [
-        one for one in examined if not one.is_marker and not any(one.is_same_place(marker) for marker in markers)
-    ]
+    turned_down = [one for one in examined if not one.is_marker]
+    at_none = ~same_places(turned_down, markers).any(axis=1)
+    failed = [turned_down[n] for n in np.flatnonzero(at_none)]
     return tuple(
         Rejected(one.candidate_mm, *one.failures[0], one.parameters, one.center_mm)
         for one in sorted(failed, key=lambda one: (len(one.failures), one.misfit))

@@ -6,8 +6,6 @@ sphere, and so its size.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from ronnaplan.ct.progress import advancing
@@ -61,14 +59,15 @@ def round_places(scan: Scan, coarse: CTVolume, marker: Build, progress: bool) ->
     if not found:
         return []
     looked_at = np.array([place for place, _ in found]), np.array([size for _, size in found])
-    spheres = list(zip(*spheres_at(volume, *looked_at, marker), strict=True))
-    kept: list[Place] = []
-    for center_mm, diameter_mm, share in sorted(spheres, key=lambda sphere: -sphere[2]):
-        if share == 0.0:
+    centers_mm, diameters_mm, shares = spheres_at(volume, *looked_at, marker)
+    kept: list[int] = []
+    for n in np.argsort(-shares, kind="stable"):
+        if shares[n] == 0.0:
             break
-        if all(math.dist(center_mm, other) >= size / 2.0 for other, size in kept):
-            kept.append((center_mm, float(diameter_mm)))
-    return kept
+        apart_mm = np.linalg.norm(centers_mm[kept] - centers_mm[n], axis=1)
+        if np.all(apart_mm >= diameters_mm[kept] / 2.0):
+            kept.append(int(n))
+    return [(centers_mm[n], float(diameters_mm[n])) for n in kept]
 
 
 def _copies(coarse: CTVolume, smallest_mm: float) -> list[tuple[CTVolume, list[float]]]:
