@@ -14,9 +14,6 @@ THICK_SHARE = 0.12
 """Slice profiles up to this share of the diameter leave nothing to gain (1.25 mm for 11.5 mm); those of 2 mm and more
 cost half as much error again, those of 5 mm four times as much (docs/localization.md)."""
 
-GAP_SHARE = 1.0
-"""Slices farther apart than their profile is wide leave parts of a marker unseen."""
-
 SOFT_SHARE = 0.08
 """Kernels that blur by more than this share of the diameter (0.9 mm for 11.5 mm) are softer than need be."""
 
@@ -44,7 +41,6 @@ def recommended_settings(grid: SliceGrid, found: Fiducials) -> tuple[Advice, ...
         return ()
     smallest_mm = min(found.diameters_mm)
     thick_mm, coarse_mm = THICK_SHARE * smallest_mm, COARSE_SHARE * smallest_mm
-    gap_mm = float(grid.spacings_mm.max(initial=0.0))
     pixel_mm = grid.pixel_mm
     edge = float(np.median([one.parameters[EDGE] for one in found.fiducials]))
     advice = []
@@ -52,10 +48,6 @@ def recommended_settings(grid: SliceGrid, found: Fiducials) -> tuple[Advice, ...
         wide = f"{seen.profile_mm:.2f} mm at half height"
         why = f"it blurs more than {THICK_SHARE:.0%} of a marker's {smallest_mm:g} mm across the slices"
         advice.append(Advice("slice thickness", wide, f"{thick_mm:.2g} mm or thinner", why))
-    if gap_mm > GAP_SHARE * seen.profile_mm:
-        why = "parts of a marker lie between the slices, where nothing is measured"
-        touching = f"{min(seen.profile_mm, thick_mm):.2g} mm or less"
-        advice.append(Advice("slice spacing", f"{gap_mm:.2f} mm", touching, why))
     if seen.blur_mm > SOFT_SHARE * smallest_mm:
         why = f"it blurs edges by more than {SOFT_SHARE:.0%} of a marker's diameter"
         advice.append(Advice("kernel", f"blur of {seen.blur_mm:.2f} mm", "a standard or detail kernel", why))
@@ -72,6 +64,7 @@ def recommended_settings(grid: SliceGrid, found: Fiducials) -> tuple[Advice, ...
 def _of_flags(found: Fiducials) -> list[Advice]:
     """Advice for what the markers' flags say."""
     remedies = {
+        FiducialFlag.GAPPED: ("slice spacing", "slices no farther apart than they are thick"),
         FiducialFlag.CUT: ("scan length", "20 mm beyond the outermost markers"),
         FiducialFlag.CLIPPED: ("scale", "the extended scale (16 bit), if the scanner offers it"),
         FiducialFlag.DIAMETER: ("--diameter", "the diameter as a caliper gives it, and markers without a film"),
