@@ -147,7 +147,10 @@ def robot_documents() -> dict[str, tuple[str, Reader]]:
     return {
         "pivot": (to_json(pivot_document(calibrate_pivot(poses), "tool", ("a note",))), read_pivot),
         "hand-eye": (to_json(hand_eye_document(hand_eye, "tool", 60, pivot=True)), read_hand_eye),
-        "rig": (to_json(rig_document(StereoCalibration(camera, camera, 0.1, 8, (0.9, 0.9)), tcp, 12, 11.5)), read_rig),
+        "rig": (
+            to_json(rig_document(StereoCalibration(camera, camera, 0.1, 8, (0.9, 0.9)), tcp, 12, 11.5)),
+            read_rig,
+        ),
         "spheres": (to_json(spheres_document(found, 11.5)), read_spheres),
         "tracked chain": (to_json(tracked), read_chain),
         "stereo chain": (to_json(stereo), read_chain),
