@@ -6,6 +6,7 @@ Who talks to the archive is handed in.
 from __future__ import annotations
 
 import asyncio
+import secrets
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -15,7 +16,6 @@ from aiohttp import web
 from numpy.typing import NDArray
 
 from ronnaplan.errors import RonnaplanError, UsageError
-from ronnaplan.text import whole_number
 
 Result = TypeVar("Result")
 
@@ -46,6 +46,7 @@ class Shelves:
 
     def __init__(self, shelf: Shelf | None) -> None:
         self._shelf, self._one_by_one, self._turn = shelf, asyncio.Lock(), 0
+        self._numbers: dict[str, int] = {}
 
     async def look(self, request: web.Request) -> Any:
         """Tell the archive's name, and what it has of a patient or of days where they are named."""
@@ -55,11 +56,17 @@ class Shelves:
         if not patient and not date:
             return {"name": self._shelf.name}
         shelf = self._shelf
-        return {"name": shelf.name, "series": await self._next(lambda: shelf.look(patient, date))}
+        found = await self._next(lambda: shelf.look(patient, date))
+        # a key of its own each time: what another tab looked for since is not fetched in its place
+        self._numbers = {secrets.token_hex(8): number for number in range(len(found))}
+        return {
+            "name": shelf.name,
+            "series": [{"key": key, **row} for key, row in zip(self._numbers, found, strict=True)],
+        }
 
     async def picture(self, request: web.Request) -> NDArray[np.uint8] | None:
         """Return a picture of a series; None where there is none, or something else was asked for meanwhile."""
-        number, shelf, turn = whole_number(request.match_info["number"]), self._shelf, self._turn
+        number, shelf, turn = self._numbers.get(request.match_info["key"]), self._shelf, self._turn
         if shelf is None or number is None:
             return None
         async with self._one_by_one:
@@ -72,9 +79,9 @@ class Shelves:
 
     async def fetch(self, request: web.Request, folder: Path) -> None:
         """Bring a series that was listed into a folder; raises `RonnaplanError` where it does not come whole."""
-        number, shelf = whole_number(request.query.get("number", "")), self._shelf
+        number, shelf = self._numbers.get(request.query.get("key", "")), self._shelf
         if shelf is None or number is None:
-            raise UsageError("there is no such series in an archive; look for it again")
+            raise UsageError("that series of an archive is no longer listed; look for it again")
         await self._next(lambda: shelf.fetch(number, folder))
 
     async def _next(self, work: Callable[[], Result]) -> Result:

@@ -6,6 +6,7 @@ import asyncio
 import json
 import logging
 import re
+import secrets
 from collections.abc import Awaitable, Callable
 from importlib.resources import files
 from pathlib import Path
@@ -23,7 +24,6 @@ from ronnaplan.planner.gate import gate, is_worth_telling
 from ronnaplan.planner.places import Found, Places, case_of, rows, series_at
 from ronnaplan.planner.shelves import Shelf, Shelves
 from ronnaplan.planner.state import PlannerState
-from ronnaplan.text import whole_number
 
 PAGE = files("ronnaplan.planner") / "page"
 SERVED = {"index.html": "start.html", "start.js": "start.js", "start.css": "start.css"}
@@ -42,7 +42,7 @@ class StartPage:
         """New cases are made in ``home``; what lies below ``root``, or on the ``shelf``, can be looked through."""
         self.home, self.places, self.open_case, self.shelves = home, Places(root), open_case, Shelves(shelf)
         self.dropped = Dropped(home)
-        self.found: list[Found] = []
+        self.found: dict[str, Found] = {}
         self.state: PlannerState | None = None
         self._from_drop = False
         self._opened = asyncio.Event()
@@ -54,12 +54,12 @@ class StartPage:
             *(web.get(f"/{name}", _page(file)) for name, file in SERVED.items()),
             web.get("/folders", _told(self._folders)),
             web.get("/series", _told(self._series)),
-            web.get("/thumbnail/{number}", self._thumbnail),
+            web.get("/thumbnail/{key}", self._thumbnail),
             web.post("/drop", _told(self._drop)),
             web.put("/dropped", _told(self._keep)),
             web.post("/open", _told(self._open)),
             web.get("/archive", _told(self.shelves.look)),
-            web.get("/archive/{number}", self._shelved),
+            web.get("/archive/{key}", self._shelved),
             web.post("/fetch", _told(self._fetch)),
         ]
 
@@ -74,36 +74,37 @@ class StartPage:
         """Look for series in what was dropped, or at a place below the root."""
         at = request.query.get("at")
         path = self.dropped.scan if at is None else self.places.at(at)
-        self.found = await self._work("looking for series", lambda: series_at(path))
-        self._from_drop = at is None
+        found = await self._work("looking for series", lambda: series_at(path))
+        # a key of its own each time: what another tab looked for since is not opened in its place
+        self.found, self._from_drop = {secrets.token_hex(8): one for one in found}, at is None
         case = None if self._from_drop else case_of(path)
         return {
-            "series": rows(self.found),
+            "series": [{"key": key, **row} for key, row in zip(self.found, rows(found), strict=True)],
             "name": self._free_name() if case is None else "",
             "known": case is not None and (case / PLAN).is_file(),
         }
 
     async def _thumbnail(self, request: web.Request) -> web.Response:
-        one = self._listed(request.match_info["number"])
+        one = self.found.get(request.match_info["key"])
         return _picture(None if one is None else one.picture)
 
     async def _shelved(self, request: web.Request) -> web.Response:
         return _picture(await self.shelves.picture(request))
 
-    def _listed(self, number: str) -> Found | None:
-        """Return the series of a number in the list, None where there is none."""
-        place = whole_number(number)
-        return self.found[place] if place is not None and 0 <= place < len(self.found) else None
-
     async def _drop(self, _: web.Request) -> Any:
-        self.dropped.begin()
+        self._begin_drop()
         return {}
 
     async def _fetch(self, request: web.Request) -> Any:
         """Bring a series from the archive; it is taken as if it had been dropped."""
-        folder = self.dropped.begin()
+        folder = self._begin_drop()
         await self.shelves.fetch(request, folder)
         return {}
+
+    def _begin_drop(self) -> Path:
+        """Forget what was dropped before, and what was listed of it; return the folder for what comes."""
+        self.found = {}
+        return self.dropped.begin()
 
     async def _keep(self, request: web.Request) -> Any:
         await self.dropped.add(request.query.get("name", ""), request.content.iter_any())
@@ -111,7 +112,7 @@ class StartPage:
 
     async def _open(self, request: web.Request) -> Any:
         """Open a series that was listed, in a case that is new or lies about it."""
-        one, name = self._listed(request.query.get("number", "")), request.query.get("name", "")
+        one, name = self.found.get(request.query.get("key", "")), request.query.get("name", "")
         if one is None:
             raise UsageError("that series is no longer listed; look for it again")
         if not one.summary.is_usable:
@@ -129,7 +130,7 @@ class StartPage:
         if case.exists():
             raise InputError(f"{name} is there already; give the case another name")
         scan = self.dropped.take(case)
-        self.found, self._from_drop = [], False
+        self.found, self._from_drop = {}, False
         return self.open_case(scan, one.series if scan.is_dir() or scan.suffix == ".zip" else None, case / PLAN)
 
     async def _work(self, what: str, work: Callable[[], Any]) -> Any:

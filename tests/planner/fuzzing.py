@@ -201,8 +201,8 @@ class StartBorder(ServerBorder):
         (b"PUT", "/dropped", "name"),
         (b"GET", "/archive", "patient"),
         (b"GET", "/archive/{}", ""),
-        (b"POST", "/fetch", "number"),
-        (b"POST", "/open", "number"),
+        (b"POST", "/fetch", "key"),
+        (b"POST", "/open", "key"),
         (b"POST", "/open", "name"),
     )
 

@@ -31,7 +31,7 @@ class Books:
 
     def __init__(self) -> None:
         self.asked: list[str] = []
-        self.may_go_on = threading.Event()
+        self.may_go_on, self.is_gone = threading.Event(), False
 
     def look(self, patient_id: str, date: str) -> list[dict[str, Any]]:
         self.asked.append(f"look {patient_id} {date}")
@@ -40,7 +40,7 @@ class Books:
     def picture(self, number: int) -> NDArray[np.uint8] | None:
         self.asked.append(f"picture {number}")
         self.may_go_on.wait(60)
-        if number == 7:
+        if self.is_gone:
             raise InputError("the archive has gone")
         return np.zeros((2, 2), np.uint8)
 
@@ -58,28 +58,45 @@ def test_what_matters_comes_before_the_pictures_that_still_wait(tmp_path: Path) 
     async def asked() -> list[Any]:
         shelves = Shelves(books)
         assert await shelves.look(request("/archive")) == {"name": "pacs"}
-        assert len((await shelves.look(request("/archive?patient=%20X%20")))["series"]) == 1
-        pictures = [asyncio.create_task(shelves.picture(request("/archive/0", number="0"))) for _ in range(3)]
+        (row,) = (await shelves.look(request("/archive?patient=%20X%20")))["series"]
+        one = request(f"/archive/{row['key']}", key=row["key"])
+        pictures = [asyncio.create_task(shelves.picture(one)) for _ in range(3)]
         while "picture 0" not in books.asked:
             await asyncio.sleep(0.01)
-        fetching = asyncio.create_task(shelves.fetch(request("/fetch?number=0"), tmp_path))
+        fetching = asyncio.create_task(shelves.fetch(request(f"/fetch?key={row['key']}"), tmp_path))
         await asyncio.sleep(0.05)
         books.may_go_on.set()
         await fetching
-        return [*(await asyncio.gather(*pictures)), await shelves.picture(request("/archive/7", number="7"))]
+        books.is_gone = True
+        return [*(await asyncio.gather(*pictures)), await shelves.picture(one)]
 
     found = run(asked())
     assert [one is not None for one in found] == [True, False, False, False]
-    assert books.asked == ["look X ", "picture 0", "fetch 0", "picture 7"]
+    assert books.asked == ["look X ", "picture 0", "fetch 0", "picture 0"]
+
+
+def test_no_series_of_a_later_look_is_fetched_in_the_place_of_one_that_was_listed(tmp_path: Path) -> None:
+    """Of two tabs one looks for another patient, and then the other's button is pressed."""
+    books = Books()
+
+    async def asked() -> None:
+        shelves = Shelves(books)
+        (before,), (now,) = [(await shelves.look(request(f"/archive?patient={who}")))["series"] for who in "XY"]
+        with pytest.raises(UsageError, match="no longer listed; look for it again"):
+            await shelves.fetch(request(f"/fetch?key={before['key']}"), tmp_path)
+        await shelves.fetch(request(f"/fetch?key={now['key']}"), tmp_path)
+
+    run(asked())
+    assert books.asked == ["look X ", "look Y ", "fetch 0"]
 
 
 def test_without_an_archive_there_is_none_to_ask(tmp_path: Path) -> None:
     async def asked() -> None:
         shelves = Shelves(None)
         assert await shelves.look(request("/archive?patient=X")) == {"name": ""}
-        assert await shelves.picture(request("/archive/0", number="0")) is None
-        with pytest.raises(UsageError, match="no such series"):
-            await shelves.fetch(request("/fetch?number=0"), tmp_path)
+        assert await shelves.picture(request("/archive/0", key="0")) is None
+        with pytest.raises(UsageError, match="no longer listed"):
+            await shelves.fetch(request("/fetch?key=0"), tmp_path)
 
     run(asked())
 

@@ -6,14 +6,19 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
 import pytest
+from aiohttp import web
+from aiohttp.test_utils import TestClient, TestServer
 
 from ronnaplan.errors import UsageError
 from ronnaplan.planner.places import Places, case_of, rows, series_at
+from ronnaplan.planner.starting import StartPage
 from tests import cases
+from tests.loops import run
 from tests.planner.browser import PATIENCE_MS, environment, eventually, needs_browser
 
 
@@ -50,6 +55,37 @@ def test_series_are_listed_with_a_picture_and_without_the_patient(scans: Path) -
     assert case_of(scans / "study" / "ct") == case_of(scans / "study") == scans / "study"
 
 
+def test_no_series_of_another_tabs_folder_is_opened_in_the_place_of_one_that_is_listed(scans: Path) -> None:
+    """What the other tab looks for comes between the list and the press of its button."""
+    shutil.copytree(scans / "study" / "ct", scans / "other")
+    opened: list[Path] = []
+
+    def open_case(scan: Path, *_: object) -> Any:
+        opened.append(scan)
+
+    async def asked() -> None:
+        page = StartPage(scans.parent / "home", scans, open_case)
+        async with TestClient(TestServer(served(page))) as client:
+            listed = [
+                (await (await client.get(f"/series?at={at}")).json())["series"][0]["key"]
+                for at in ("study/ct", "other")
+            ]
+            refused, taken = [await (await client.post(f"/open?key={key}")).json() for key in listed]
+            assert refused == {"error": "that series is no longer listed; look for it again"}
+            assert taken == {}
+            assert (await client.get(f"/thumbnail/{listed[0]}")).status == HTTPStatus.NOT_FOUND
+
+    run(asked())
+    assert opened == [scans / "other"]
+
+
+def served(page: StartPage) -> web.Application:
+    """The page without its gate."""
+    application = web.Application()
+    application.add_routes(page.routes())
+    return application
+
+
 @pytest.fixture
 def started(scans: Path) -> Iterator[str]:
     command = [sys.executable, "-m", "ronnaplan", "view", "--root", str(scans)]
@@ -68,6 +104,7 @@ def test_a_scan_is_dropped_opened_and_its_files_go_out_and_in(browser: Any, star
     page.set_default_timeout(PATIENCE_MS)
     open_a_root_without_folders(page, started)
     page.goto(started)
+    press_while_a_folder_is_listed(page)
     drop_a_scan(page, scans)
     assert page.url == started
     assert sorted(one.name for one in (home / "first").iterdir()) == [".planner-address.json", "ct.zip"]
@@ -86,6 +123,25 @@ def open_a_root_without_folders(page: Any, url: str) -> None:
     page.goto(url)
     page.wait_for_selector("#entries >> text=no folders in here; the button above lists its scans")
     page.unroute("**/folders?at=")
+
+
+def press_while_a_folder_is_listed(page: Any) -> None:
+    """The press is not lost: the page says that it comes next, and what was listed is hidden until then."""
+    held: list[Any] = []
+    page.route("**/folders?at=study", lambda route: held.append(route))
+    page.click("text=study/")
+    page.click("text=look for series here")
+    page.wait_for_selector("#busy >> text=opening study ... next: looking for series in the root ...")
+    eventually(page, lambda: len(held) == 1)
+    held[0].continue_()
+    page.unroute("**/folders?at=study")
+    page.wait_for_selector("#found h2 >> text=Series in the root")
+    page.click("#entries >> text=ct/")
+    page.wait_for_selector("#found h2 >> text=Series in study/ct")
+    page.set_input_files("#file", __file__)
+    page.wait_for_selector("#error >> text=holds no DICOM series")
+    assert page.locator("#found").is_hidden()
+    page.click("#path >> text=scans")
 
 
 def drop_a_scan(page: Any, scans: Path) -> None:

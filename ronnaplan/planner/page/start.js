@@ -17,22 +17,28 @@
     if (told.error) throw new Error(told.error);
     return told;
   }
-  // One thing at a time, told while it lasts; what goes wrong is shown.
-  let working = false;
+  // One thing at a time, told while it lasts; what goes wrong is shown. What is pressed meanwhile is done next: the last of it,
+  // and nothing that is being done already.
+  let doing = "", next = null;
+  const now = (text) => tell("busy", (doing = text));
   async function work(text, done) {
-    if (working) return;
-    working = true;
+    if (doing) {
+      next = text === doing ? null : [text, done];
+      return tell("busy", next ? `${doing} next: ${text}` : doing);
+    }
+    now(text);
     tell("error", "");
-    tell("busy", text);
     document.body.setAttribute("aria-busy", "true");
     try {
       await done();
     } catch (error) {
       tell("error", error.message);
     }
-    working = false;
-    tell("busy", "");
+    now("");
     document.body.removeAttribute("aria-busy");
+    const waited = next;
+    next = null;
+    if (waited) work(...waited);
   }
 
   // --- folders
@@ -56,12 +62,14 @@
     one("entries").replaceChildren(...entries);
     if (at && !listed.entries.length) await search(at); // where else would a scan be
   }
+  const called = (at) => at || "the root";
+  const searching = (at) => `looking for series in ${called(at)} ...`;
   async function search(at) {
-    tell("busy", "looking for series ...");
-    show(await ask(`series?${query({ at })}`));
+    now(searching(at));
+    await list({ at }, `Series in ${called(at)}`);
   }
-  const go = (at) => work("opening the folder ...", () => browse(at));
-  const find = (at) => work("looking for series ...", () => search(at));
+  const go = (at) => work(`opening ${called(at)} ...`, () => browse(at));
+  const find = (at) => work(searching(at), () => search(at));
 
   // --- what is dropped
   async function inside(entry, path, found) {
@@ -87,7 +95,7 @@
         tell("busy", `taking what was dropped: ${n + 1} of ${found.length} ...`);
       }
       tell("busy", "looking for series ...");
-      show(await ask("series"));
+      await list({}, "Series in what was dropped");
     });
   const zone = one("drop");
   for (const name of ["dragover", "drop", "dragleave"]) {
@@ -113,26 +121,30 @@
 
   // --- series
   const range = (pair) => (pair ? [...new Set(pair.map((value) => value.toFixed(2)))].join(" to ") : "?");
-  function show({ series, name, known }) {
+  async function list(of, heading) {
+    one("found").hidden = true; // what stands there is of another place
+    const { series, name, known } = await ask(`series?${query(of)}`);
+    one("found").querySelector("h2").textContent = heading;
     one("found").hidden = false;
     one("case").hidden = !name;
     one("name").value = name;
-    one("found").querySelector("tbody").replaceChildren(...series.map((row, n) => {
+    one("found").querySelector("tbody").replaceChildren(...series.map((row) => {
       const usable = !row.problems.length;
-      const picture = row.drawn ? made("img", { src: `thumbnail/${n}?${Date.now()}`, alt: "" }) : made("span", { className: "none" }, "no picture");
+      const picture = row.drawn ? made("img", { src: `thumbnail/${row.key}`, alt: "" }) : made("span", { className: "none" }, "no picture");
       const title = made("td", {}, `${row.modality} ${row.description || "(no description)"}`, made("small", {}, `${row.kernel} ${row.series}`));
       const told = made("td", {}, made("span", { className: usable ? "yes" : "no" }, usable ? "can be planned in" : row.problems.join("; ")));
       if (usable) for (const note of row.notes) told.append(made("small", { className: "doubt" }, note));
-      const press = made("button", { type: "button", disabled: !usable, onclick: () => open(n) }, known ? "go on" : "plan");
+      const press = made("button", { type: "button", disabled: !usable, onclick: () => open(row.key) }, known ? "go on" : "plan");
       press.setAttribute("aria-label", `${press.textContent}: ${row.description || row.series}`);
       const voxels = row.pixel_mm ? `${range(row.pixel_mm)} x ${range(row.spacing_mm)}` : "";
       return made("tr", {}, made("td", {}, picture), title, made("td", {}, row.images), made("td", {}, voxels), told, made("td", {}, press));
     }));
     one("found").scrollIntoView({ block: "nearest" });
+    return series;
   }
-  const open = (number) => work("reading the scan ...", () => begin(number));
-  async function begin(number) {
-    await ask(`open?${query({ number, name: one("name").value.trim() })}`, { method: "POST" });
+  const open = (key) => work("reading the scan ...", () => begin(key));
+  async function begin(key) {
+    await ask(`open?${query({ key, name: one("name").value.trim() })}`, { method: "POST" });
     tell("busy", "opening the planner ...");
     for (;;) {
       // the start page answers no such address, the planner that takes its place does
@@ -151,11 +163,11 @@
   function shelved(series) {
     const body = one("archive").querySelector("tbody");
     one("archive").querySelector("table").hidden = false;
-    body.replaceChildren(...series.map((row, n) => {
-      const picture = made("img", { loading: "lazy", src: `archive/${n}?${Date.now()}`, alt: "" });
+    body.replaceChildren(...series.map((row) => {
+      const picture = made("img", { loading: "lazy", src: `archive/${row.key}`, alt: "" });
       picture.onerror = () => picture.replaceWith(made("span", { className: "none" }, "no picture"));
       const title = made("td", {}, `${row.modality} ${row.description || "(no description)"}`, made("small", {}, `${row.study} ${row.series_uid}`));
-      const press = made("button", { type: "button", onclick: () => fetched(n, row) }, "fetch and plan");
+      const press = made("button", { type: "button", onclick: () => fetched(row) }, "fetch and plan");
       press.setAttribute("aria-label", `fetch and plan: ${row.description || row.series_uid}`);
       const patient = made("td", {}, row.patient_id, made("small", {}, row.patient_name));
       return made("tr", {}, made("td", {}, picture), title, made("td", {}, row.instances ?? "?"), patient, made("td", {}, row.date), made("td", {}, press));
@@ -172,13 +184,12 @@
       shelved(series);
     });
   });
-  const fetched = (number, row) =>
+  const fetched = (row) =>
     work(`fetching ${row.instances ?? "the"} images ...`, async () => {
-      await ask(`fetch?${query({ number })}`, { method: "POST" });
-      const found = await ask("series");
-      show(found);
-      const usable = found.series.flatMap((one, n) => (one.problems.length ? [] : [n]));
-      if (usable.length === 1) await begin(usable[0]);
+      await ask(`fetch?${query({ key: row.key })}`, { method: "POST" });
+      const series = await list({}, "Series that were fetched");
+      const usable = series.filter((one) => !one.problems.length);
+      if (usable.length === 1) await begin(usable[0].key);
     });
 
   shelf().catch((error) => tell("error", error.message));
