@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from html import escape
 from pathlib import Path
 from typing import Any, Final
 
 from ronnaplan.node.index import Index
+from ronnaplan.text import NOTICE
 
 METRICS: Final = "text/plain; version=0.0.4"
 MOST_SHOWN: Final = 200
@@ -18,7 +19,12 @@ body { font: 14px/1.45 system-ui, sans-serif; color: #1c2733; margin: 1.5rem }
 table { border-collapse: collapse; margin: .6rem 0; font-variant-numeric: tabular-nums }
 th, td { text-align: left; padding: .2rem 1rem .2rem 0; border-bottom: 1px solid #e4e9ee; vertical-align: top }
 td:first-child { white-space: nowrap } td:nth-last-child(-n+2) { overflow-wrap: anywhere; min-width: 10rem }
-th { color: #4a5a6a } .failed, .refused { color: #b3261e } form { display: inline }
+th { color: #4a5a6a } .failed, .refused { color: #b3261e } form { display: inline } .note { color: #4a5a6a }
+@media (max-width: 70rem) { /* a row stands upright, each cell beside its head */
+  table, tbody, tr { display: block } tr { padding: .5rem 0; border-bottom: 1px solid #c8d2dc } tr.heads { display: none }
+  td { display: flex; gap: .5rem; border: 0; overflow-wrap: anywhere; min-width: 0 }
+  td::before { content: attr(data-head); flex: none; width: 6rem; color: #4a5a6a } td > span { min-width: 0 }
+}
 """
 
 SERIES: Final = """
@@ -51,7 +57,9 @@ def status_page(index: Index) -> str:
     )
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta http-equiv="refresh" content="5">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>ronnaplan node</title><style>{STYLE}</style></head><body><h1>ronnaplan node</h1>"
+        f'<p class="note">{NOTICE}</p>'
         f"<h2>Series</h2>{_table(heads[0], series)}"
         f"<h2>Answers that wait</h2>{_table(heads[1], waiting)}"
         f"<h2>Kept aside: another content under a known UID</h2>{_table(heads[2], aside)}</body></html>\n"
@@ -95,7 +103,7 @@ def _series_row(*row: Any) -> list[str]:
     if job is not None:
         told = f'<span class="{escape(state)}">{escape(state)}</span>'
         told += f" (attempt {attempts})" if attempts > 1 else ""
-        told += f", {answers} answers" if answers else ""
+        told += f", {answers} answer{'s' * (answers > 1)}" if answers else ""
     if state in ("refused", "failed"):
         told += f' <form method="post" action="/retry"><button name="job" value="{job}">retry</button></form>'
     texts = (
@@ -116,11 +124,17 @@ def _series_row(*row: Any) -> list[str]:
     ]
 
 
-def _table(head: Iterable[str], rows: list[list[str]]) -> str:
+def _table(head: Sequence[str], rows: list[list[str]]) -> str:
     if not rows:
         return "<p>none</p>"
-    body = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
-    return f"<table><tr>{''.join(f'<th>{cell}</th>' for cell in head)}</tr>{body}</table>"
+    body = "".join(
+        f"<tr>{''.join(_cell(name, cell) for name, cell in zip(head, row, strict=True))}</tr>" for row in rows
+    )
+    return f'<table><tr class="heads">{"".join(f"<th>{cell}</th>" for cell in head)}</tr>{body}</table>'
+
+
+def _cell(head: str, cell: str) -> str:
+    return f'<td data-head="{head}"><span>{cell}</span></td>'
 
 
 def _time(seconds: float) -> str:

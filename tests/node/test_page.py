@@ -58,7 +58,8 @@ def test_the_page_says_what_was_received_what_became_of_it_and_why(page: Page) -
         "no marker &amp; more",
         "retry",
         "1 of 190",
-        ", 1 answers",
+        ", 1 answer <form",
+        "Research software, not a medical device",
         "aside/x",
         "1970-01-01 00:01:40 UTC",
     ):
@@ -104,11 +105,13 @@ def test_long_uids_and_paths_do_not_drive_the_page_off_the_screen(page: Page, tm
         index.run("UPDATE series SET series_uid = ?", uid)
         index.run("UPDATE jobs SET reason = ?", f"/var/lib/ronnaplan/node-data/instances/{uid}/{uid} is no volume")
 
-    def width(tab: Any) -> int:
-        tab.set_viewport_size({"width": 1280, "height": 800})
+    def over(tab: Any) -> list[int]:
         tab.goto(f"http://127.0.0.1:{page.port}/?token={page.token}")
-        return int(tab.evaluate("document.documentElement.scrollWidth"))
+        found = []
+        for width in (1280, 800, 390):
+            tab.set_viewport_size({"width": width, "height": 800})
+            found.append(int(tab.evaluate("document.documentElement.scrollWidth")) - width)
+        return found
 
     with looking() as look:
-        measured = look(width)
-    assert measured <= 1280
+        assert max(look(over)) <= 0
