@@ -21,7 +21,8 @@ th, td { text-align: left; padding: .2rem 1rem .2rem 0; border-bottom: 1px solid
 td:first-child { white-space: nowrap } td:nth-last-child(-n+2) { overflow-wrap: anywhere; min-width: 10rem }
 th { color: #4a5a6a } .failed, .refused { color: #b3261e } form { display: inline } .note { color: #4a5a6a }
 @media (max-width: 70rem) { /* a row stands upright, each cell beside its head */
-  table, tbody, tr { display: block } tr { padding: .5rem 0; border-bottom: 1px solid #c8d2dc } tr.heads { display: none }
+  table, tbody, tr { display: block } tr { padding: .5rem 0; border-bottom: 1px solid #c8d2dc }
+  tr.heads { display: none }
   td { display: flex; gap: .5rem; border: 0; overflow-wrap: anywhere; min-width: 0 }
   td::before { content: attr(data-head); flex: none; width: 6rem; color: #4a5a6a } td > span { min-width: 0 }
 }

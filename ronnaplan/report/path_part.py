@@ -30,10 +30,12 @@ STYLE = """
 @media print {
   .path { font-size: 8.5pt } .path + .measured, h2:has(+ .measured) { break-before: page }
   .beside { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: 0 1.5rem }
-  .beside > :last-child:nth-child(odd) { grid-column: 1 / -1 }
   .path th, .path td { padding: 0 .6rem 0 0 }
-  .beside:has(.contacts) { font-size: 7pt; grid-template-columns: minmax(0, 12fr) minmax(0, 10fr); gap: 0 1rem }
-  .beside:has(.contacts) :is(th, td) { padding-right: .3rem }
+  .path:has(.limits tr:nth-child(25)) img { max-height: 62mm }
+  .beside:has(.contacts) { font-size: 7pt }
+  .limits, .contacts { grid-column: 1 / -1; columns: 2; column-gap: .7rem; font-size: 7pt; margin-top: .3rem }
+  :is(.limits, .contacts) table { width: 100%; margin: 0; break-inside: auto }
+  :is(.limits, .contacts) :is(th, td) { padding-right: .25rem }
 }
 """
 
@@ -41,7 +43,7 @@ TITLE = "Trajectories"
 ENDS = ("", "entry LPS mm", "target LPS mm", "length mm")
 ERRORS = ("expected error", "as planned", "as registered")
 CONTACTS = ("no.", "contact, LPS mm", "depth, mm", "inside", "nearest, mm")
-VERDICTS = ("held against limits", "value", "limit", "", "verdict", "")
+VERDICTS = ("held against limits", "value", "limit", "verdict", "")
 
 
 def paths_part(case: Case) -> Part:
@@ -75,7 +77,8 @@ def paths_part(case: Case) -> Part:
 def _measured(volume: CTVolume, one: Measures, verdicts: Sequence[Verdict]) -> list[str]:
     """Return the picture, and the tables of what was measured and judged; broken limits stand first.
 
-    On paper the tables stand two beside each other, so that a path with the contacts of its electrode fits a page.
+    On paper the tables stand two beside each other, and limits and contacts in two columns each, so that a path with
+    many limits and the contacts of its electrode fits a page.
     """
     name = one.trajectory.name
     drawn = picture(path_picture(volume, one), f"{name}: two cuts along the path, at right angles; HU along it")
@@ -83,9 +86,9 @@ def _measured(volume: CTVolume, one: Measures, verdicts: Sequence[Verdict]) -> l
     distances = [] if verdicts else distance_rows(one)  # every verdict tells its distance
     beside = table([], [*_path(one.trajectory), *shape_rows(one), *distances]) + _errors(one)
     if judged:
-        beside += f"<div>{table(VERDICTS, map(_verdict, judged))}</div>"
+        beside += f'<div class="limits">{table(VERDICTS, map(_verdict, judged))}</div>'
     if one.contacts:
-        beside += f'<div class="contacts whole">{table(CONTACTS, map(_contact, one.contacts))}</div>'
+        beside += f'<div class="contacts">{table(CONTACTS, map(_contact, one.contacts))}</div>'
     return [drawn, f'<div class="beside">{beside}</div>']
 
 
@@ -130,7 +133,7 @@ def _path(path: Trajectory) -> Rows:
 
 def _verdict(one: Verdict) -> list[str]:
     value, limit = value_and_limit(one)
-    return [one.measure, value, limit, one.unit, "pass" if one.passes else "FAIL", one.remark]
+    return [one.measure, value, f"{limit} {one.unit}".rstrip(), "pass" if one.passes else "FAIL", one.remark]
 
 
 def _fault(one: Verdict) -> str:

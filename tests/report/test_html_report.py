@@ -246,6 +246,16 @@ def test_a_path_with_an_electrode_of_many_contacts_takes_one_page(case: Case, pr
     assert with_contacts.count(b"/MediaBox") == printed.count(b"/MediaBox")
 
 
+def test_a_path_with_many_limits_and_contacts_takes_one_page(case: Case, printed: bytes) -> None:
+    assert case.plan is not None
+    chosen = case.plan.edit("left", electrode=ELECTRODES["Medtronic 3387"])
+    report = quality_report(replace(case, plan=chosen))
+    (limit,) = re.findall("<tr><td>path within the instrument</td>.*?</tr>", report)
+    near = limit.replace("<td></td></tr>", '<td class="text">at depth 69.2 mm, at least 14.45</td></tr>')
+    with_limits = print_pdf(report.replace(limit, 12 * limit + 10 * near))
+    assert with_limits.count(b"/MediaBox") == printed.count(b"/MediaBox")
+
+
 @needs_browser
 def test_a_table_that_fits_on_a_page_is_not_cut_by_the_end_of_one() -> None:
     """Beneath a picture the first row of a table stood at the end of a page, the others on the next."""
