@@ -246,6 +246,22 @@ def test_a_distance_is_measured_by_two_clicks(page: Any) -> None:
     page.wait_for_selector("#rulers", state="detached")
 
 
+def test_the_tools_take_one_line_and_no_view_moves_while_points_are_clicked(page: Any) -> None:
+    """What is asked for is longer than the button's name; views that moved by it would be clicked elsewhere."""
+    bar = page.locator(".rp-bar")
+    for width, lines in ((800, 2), (1024, 1), (1280, 1), (1440, 1)):
+        page.set_viewport_size({"width": width, "height": 800})
+        high = bar.bounding_box()["height"]
+        assert high < 45 * lines
+        for tool in ("distance", "angle"):
+            page.click(f"#{tool}")
+            page.wait_for_selector(f"#{tool} >> text=first point")
+            assert bar.bounding_box()["height"] == high, (width, tool)
+            page.keyboard.press("Escape")
+            page.wait_for_selector(f"#{tool} >> text={tool}")
+    page.set_viewport_size({"width": 1440, "height": 900})
+
+
 def test_a_name_from_right_to_left_that_is_shortened_ends_at_its_left(page: Any) -> None:
     ends_at_left = page.evaluate("""() => {
         const text = document.createElementNS("http://www.w3.org/2000/svg", "text");

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ronnaplan.documents.plan import read_plan
+from ronnaplan.documents.plan import read_plan, write_plan
 from tests.planner.browser import PATIENCE_MS, Planner, eventually, needs_browser, opened, wait_until_whole
 
 pytestmark = needs_browser
@@ -78,6 +78,62 @@ def test_a_planner_that_was_only_held_up_is_gone_on_with_and_half_a_number_is_ne
     page.keyboard.press("Tab")
     eventually(page, lambda: read_plan(entered).trajectories[0].notes.startswith("what stands there"))
     assert page.evaluate("window.before")
+
+
+def test_a_planner_that_ends_and_still_answers_has_no_page_loaded_anew(browser: Any, shared: Planner) -> None:
+    """It closes its sockets first: a page that is loaded then would find nobody. The page's clock hardly goes meanwhile."""
+    page, lines, asked = browser.new_page(), [], []
+    page.set_default_timeout(PATIENCE_MS)
+    page.route_web_socket("**/ws", lambda line: lines.append(line) or line.connect_to_server())
+    page.goto(shared.url)
+    wait_until_whole(page)
+    page.on("request", lambda request: asked.append(request.url))
+    page.evaluate("window.before = true; let now = performance.now(); performance.now = () => (now += 0.001)")
+    lines[-1].close()
+    asked.clear()
+    eventually(page, lambda: len([url for url in asked if url.endswith("planner.css")]) == 3)
+    assert page.evaluate("window.before")
+    page.evaluate("const later = performance.now() + 60000; performance.now = () => later")
+    page.wait_for_function("!window.before")
+    wait_until_whole(page)
+
+
+def test_what_is_half_typed_as_the_connection_is_cut_is_typed_again_and_never_into_another_field(
+    browser: Any, running: Planner
+) -> None:
+    plan, lines = running.folder / "plan.json", []
+    before = plan.read_bytes()
+    page = browser.new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    page.route_web_socket("**/ws", lambda line: lines.append(line) or line.connect_to_server())
+    page.goto(running.url)
+    wait_until_whole(page)
+
+    def cut() -> None:
+        page.evaluate("window.before = true")
+        lines[-1].close()
+        page.wait_for_function("!window.before")
+        wait_until_whole(page)
+
+    page.locator("#notes").press("Control+a")
+    page.keyboard.type("a way between the ves")
+    cut()
+    page.wait_for_function("document.activeElement.id === 'notes'")
+    page.keyboard.type("sels")
+    assert plan.read_bytes() == before
+    page.keyboard.press("Tab")
+    eventually(page, lambda: read_plan(plan).trajectories[0].notes == "a way between the vessels")
+    page.locator("#entry-x").press("Control+a")
+    page.keyboard.type("2")
+    changed = read_plan(plan).edit("left", entry_mm=[31.0, -20.0, 84.0])
+    page.route(ASKED, lambda route: route.abort())
+    lines[-1].close()
+    page.wait_for_selector("#gone")
+    write_plan(plan, changed)
+    page.unroute(ASKED)
+    page.wait_for_selector("#gone", state="detached")
+    wait_until_whole(page)
+    eventually(page, lambda: page.input_value("#entry-x") == "31")
 
 
 def test_a_page_whose_connection_was_cut_without_a_word_loads_itself_again(browser: Any, shared: Planner) -> None:

@@ -22,6 +22,8 @@
       field.value = field.defaultValue;
     },
     mounted(field, { value: owner }) {
+      field.owner = owner;
+      window.ronnaplanHalf(field);
       if (left?.id !== field.id || left.owner !== owner) return;
       field.focus({ preventScroll: true });
       field.setSelectionRange(left.from, left.to);

@@ -24,7 +24,10 @@
   window.WebSocket = class extends Socket {
     constructor(...given) {
       super(...given);
-      this.addEventListener("close", () => (lostAt = performance.now()));
+      this.addEventListener("close", () => {
+        lostAt = performance.now();
+        half ??= typed(); // trame takes the page's content away then
+      });
       this.addEventListener("message", () => (heardAt = performance.now()));
     }
   };
@@ -48,10 +51,33 @@
   // What takes the focus from a field has it enter what stands there, half of a number as it may be: nothing is entered then.
   let opening = false;
   window.addEventListener("change", (event) => opening && event.stopImmediatePropagation(), true);
-  let half = null; // the field that was being typed in, and what stood there
-  function tellGone() {
+  // What is half typed is typed again: into its field, or into that of the page that is loaded anew, if it is for the same
+  // thing (owner, see planner.js) and says the same.
+  const HALF = "ronnaplan: half typed";
+  let half = null;
+  function typed() {
     const field = document.activeElement;
-    half = field?.matches("input, textarea") && field.value !== field.defaultValue ? { field, text: field.value } : null;
+    if (!field?.matches("input, textarea") || field.value === field.defaultValue) return null;
+    return { field, id: field.id, owner: field.owner, before: field.defaultValue, text: field.value };
+  }
+  function typeAgain(field, text) {
+    field.focus({ preventScroll: true });
+    field.value = field.defaultValue;
+    field.select();
+    document.execCommand("insertText", false, text); // Enter, or leaving the field, enters it
+  }
+  window.ronnaplanHalf = (field) => {
+    const left = JSON.parse(sessionStorage.getItem(HALF));
+    if (left?.id !== field.id) return;
+    sessionStorage.removeItem(HALF);
+    if (left.owner === field.owner && left.before === field.defaultValue) typeAgain(field, left.text);
+  };
+  function reload() {
+    if (half) sessionStorage.setItem(HALF, JSON.stringify({ ...half, field: undefined }));
+    location.reload();
+  }
+  function tellGone() {
+    half ??= typed();
     const told = Object.assign(document.createElement("dialog"), { id: "gone", className: "rp-help", innerHTML: GONE });
     told.addEventListener("cancel", (event) => event.preventDefault()); // Escape answers for no planner
     document.documentElement.append(told); // beside the body, whose content trame takes away when the connection is lost
@@ -62,11 +88,8 @@
   function goOn(told) {
     told.close();
     told.remove();
-    if (!half?.field.isConnected) return;
-    half.field.focus({ preventScroll: true });
-    half.field.value = half.field.defaultValue;
-    half.field.select();
-    document.execCommand("insertText", false, half.text); // as if typed again: Enter, or leaving the field, enters it
+    if (half?.field.isConnected) typeAgain(half.field, half.text);
+    half = null;
   }
 
   async function ask() {
@@ -78,7 +101,7 @@
     const there = status === 200;
     missed = there ? 0 : missed + 1;
     const gone = document.getElementById("gone");
-    if (status === 404 || (there && (lost() || (gone && !(await hears()))))) return location.reload(); // 404: the start page took the planner's place
+    if (status === 404 || (there && (lost() || (gone && !(await hears()))))) return reload(); // 404: the start page took the planner's place
     if (there && gone) goOn(gone);
     if (gone && status === 403) gone.querySelector("#gone-how").textContent = ELSEWHERE;
     if (missed >= MISSES && !gone) tellGone();
