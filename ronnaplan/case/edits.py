@@ -55,8 +55,7 @@ class OpenCase:
         case = self._read(volume, rules or Rules(), no_go or {})
         self.volume, self.no_go, self.rules = volume, case.no_go, case.rules
         self.plan: Plan = Plan.of_scan(volume) if case.plan is None else case.plan
-        self.fiducials: FiducialsDocument | None = case.fiducials
-        self.registration: RegistrationDocument | None = case.registration
+        self.fiducials, self.registration = case.fiducials, case.registration
         self.surroundings: Surroundings = case.surroundings
         self.before_drag: Plan | None = None
         self.unwritten = Waiting()
@@ -76,10 +75,12 @@ class OpenCase:
         return self._kept.look_again(lambda: self._take_over(self._read(self.volume, self.rules, self.no_go)))
 
     def _take_over(self, case: Case) -> None:
-        if (case.fiducials, case.registration) != (self.fiducials, self.registration):
-            self.fiducials, self.registration = case.fiducials, case.registration
-            self.surroundings = self.surroundings.with_documents(self.fiducials, self.registration)
+        others = (case.fiducials, case.registration) != (self.fiducials, self.registration)
+        if others:
             self._steps.forget_markers()
+        if others or case.rules.limits is not self.rules.limits:
+            self.fiducials, self.registration, self.rules = case.fiducials, case.registration, case.rules
+            self.surroundings = self.surroundings.with_documents(self.fiducials, self.registration, self.rules)
         if case.plan is not None and case.plan is not self.plan:
             self._steps.count_others(len(case.plan.history) - len(self.plan.history))
             self._show_plan(case.plan)
@@ -291,7 +292,7 @@ class OpenCase:
 
     def _read(self, volume: CTVolume, rules: Rules, no_go: Labels) -> Case:
         """Return the documents as they were last seen, checked to belong together."""
-        return Case(volume, *self._kept.documents, rules, no_go, placement=self.placement)
+        return Case(volume, *self._kept.documents, self._kept.stated(rules), no_go, placement=self.placement)
 
 
 def _ends_mm(one: Trajectory) -> tuple[float, ...]:

@@ -1,38 +1,50 @@
-"""The three files of an open case, as they were last seen or written: what another hand does to them is noticed."""
+"""The files of an open case, as they were last seen or written: what another hand does to them is noticed."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from ronnaplan.case.folder import CaseFiles
+from ronnaplan.case.surroundings import Rules
 from ronnaplan.documents.fiducials import FiducialsDocument, read_fiducials
 from ronnaplan.documents.kept import Kept
+from ronnaplan.documents.limits import read_limits
 from ronnaplan.documents.plan import plan_text, read_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.documents.registration import RegistrationDocument, read_registration
 from ronnaplan.errors import RonnaplanError, UsageError
-from ronnaplan.planning import Plan
+from ronnaplan.planning import Limits, Plan
 from ronnaplan.planning.merging import merged
 
 Documents = tuple[Plan | None, FiducialsDocument | None, RegistrationDocument | None]
 
 
 class KeptFiles:
-    """Plan, fiducials and registration; each ``content`` is None where there is no file yet."""
+    """Plan, fiducials, registration and limits; each ``content`` is None where there is no file yet.
+
+    ``limits`` are only read, and None where no file is named for them.
+    """
 
     def __init__(self, files: CaseFiles) -> None:
-        """Read what there is of ``files``; raises `UsageError` unless all three are named."""
+        """Read what there is of ``files``; raises `UsageError` unless the three that are written are named."""
         if files.plan is None or files.fiducials is None or files.registration is None:
             raise UsageError("a case is worked on in three files; name plan, fiducials and registration")
         self.plan = Kept(files.plan, read_plan, plan_text, merged)
         self.fiducials = Kept(files.fiducials, read_fiducials, to_json)
         self.registration = Kept(files.registration, read_registration, to_json)
+        self.limits: Kept[Limits] | None = Kept(files.limits, read_limits, repr) if files.limits else None
 
     @property
     def documents(self) -> Documents:
         """The documents as they were last seen."""
         return self.plan.content, self.fiducials.content, self.registration.content
+
+    def stated(self, rules: Rules) -> Rules:
+        """Return ``rules`` with the limits that were last seen in their file, if there is one."""
+        limits = None if self.limits is None else self.limits.content
+        return rules if limits is None else replace(rules, limits=limits)
 
     def look_again(self, take_over: Callable[[], None]) -> bool:
         """Have ``take_over`` called where another hand has written anything; return whether it was.
@@ -40,15 +52,20 @@ class KeptFiles:
         Raises `InputError` for a document that cannot be read, after the others were taken over, and what
         ``take_over`` raises; then the documents are as before.
         """
-        kept: tuple[Kept[Any], ...] = (self.plan, self.fiducials, self.registration)
-        before = self.documents
+        kept: list[Kept[Any]] = [
+            self.plan,
+            self.fiducials,
+            self.registration,
+            *([self.limits] if self.limits else []),
+        ]
+        before = [one.content for one in kept]
         unread: list[RonnaplanError] = []
         for one in kept:
             try:
                 one.look_again()
             except RonnaplanError as error:
                 unread.append(error)
-        changed = any(now is not then for now, then in zip(self.documents, before, strict=True))
+        changed = any(one.content is not then for one, then in zip(kept, before, strict=True))
         if changed:
             try:
                 take_over()

@@ -120,10 +120,13 @@ class Surroundings:
         return Surroundings, (self.terrain, self.rules, self.fiducials, self.registration)
 
     def with_documents(
-        self, fiducials: FiducialsDocument | None, registration: RegistrationDocument | None
+        self,
+        fiducials: FiducialsDocument | None,
+        registration: RegistrationDocument | None,
+        rules: Rules | None = None,
     ) -> Surroundings:
-        """Return the same head and rules with other markers or another registration."""
-        return Surroundings(self.terrain, self.rules, fiducials, registration)
+        """Return the same head with other markers, another registration or, where they are given, other rules."""
+        return Surroundings(self.terrain, rules or self.rules, fiducials, registration)
 
     @property
     def head(self) -> Head:

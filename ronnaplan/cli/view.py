@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.case.folder import scan_in
     from ronnaplan.planner.storage import Storage
 
-    storage = Storage.of(arguments.plan, arguments.fiducials, arguments.registration)
+    storage = Storage.of(arguments.plan, arguments.fiducials, arguments.registration, arguments.limits)
     planner = _Planner(arguments)
     ct = None if arguments.root or arguments.peer else arguments.ct or scan_in(storage.plan.parent)
     if ct is not None:
@@ -109,8 +109,7 @@ class _Planner:
         from ronnaplan.scene.vtk import Workshop
 
         given = self.arguments
-        limits = Path(given.limits) if given.limits else storage.documents.limits
-        stated = with_limits(rules(given), limits)
+        stated = with_limits(rules(given), Path(given.limits) if given.limits else None)
         with ExitStack() as undone:
             workshop = undone.enter_context(Workshop())  # its libraries are loaded while the scan is read
             volume = read_ct(ct, series, progress=True)
@@ -149,7 +148,7 @@ class _Planner:
             page = StartPage(
                 home,
                 Path(given.root or home),
-                lambda ct, series, plan: self.open(ct, series, Storage.of(str(plan), None, None)),
+                lambda ct, series, plan: self.open(ct, series, Storage.of(str(plan), None, None, given.limits)),
                 _shelf(given) if given.peer else None,
             )
             state, address = start(page, host=given.host, port=given.port, address=address)

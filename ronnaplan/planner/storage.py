@@ -70,9 +70,12 @@ class Storage:
     plan: Path
     fiducials: Path
     registration: Path
+    limits: Path
 
     @classmethod
-    def of(cls, plan: str | None, fiducials: str | None, registration: str | None) -> Storage:
+    def of(
+        cls, plan: str | None, fiducials: str | None, registration: str | None, limits: str | None = None
+    ) -> Storage:
         """Name the files; what is not named lies beside the plan, the plan in the present folder."""
         path = Path(plan or PLAN).resolve()
         if not path.parent.is_dir():
@@ -81,14 +84,15 @@ class Storage:
             path,
             Path(fiducials).resolve() if fiducials else path.with_name(FIDUCIALS),
             Path(registration).resolve() if registration else path.with_name(REGISTRATION),
+            Path(limits).resolve() if limits else path.with_name(LIMITS),
         )
 
     @property
     def documents(self) -> CaseFiles:
-        """The documents of the case; limits and the robot's placement only where they lie beside the plan."""
-        beside = (self.plan.with_name(name) for name in (LIMITS, PLACEMENT))
+        """The documents of the case, there or not; the robot's placement only where it lies beside the plan."""
+        placement = self.plan.with_name(PLACEMENT)
         return CaseFiles(
-            self.plan, self.fiducials, self.registration, *(path if path.is_file() else None for path in beside)
+            self.plan, self.fiducials, self.registration, self.limits, placement if placement.is_file() else None
         )
 
     @property
@@ -112,7 +116,8 @@ class Storage:
             self.fiducials,
             self.registration,
             self.look,
-            *map(self.plan.with_name, (LIMITS, PLACEMENT, PIVOT)),
+            self.limits,
+            *map(self.plan.with_name, (PLACEMENT, PIVOT)),
         )
         return {path.name for path in here if path.parent == self.plan.parent}
 

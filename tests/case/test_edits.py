@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable
 from dataclasses import replace
@@ -260,6 +261,31 @@ def test_a_change_that_was_not_seen_yet_is_not_taken_back(state: PlannerState) -
     assert state.case.look_again()
     state.case.undo()
     assert not read_plan(state.storage.plan).trajectory("left").locked
+
+
+def test_limits_that_are_written_while_the_case_is_open_are_held_against_it(state: PlannerState) -> None:
+    """What is made of the case, a report say, is made with them, too."""
+
+    def write(longest_mm: object) -> None:
+        limits = {"format": "ronnaplan.limits", "version": 1, "longest_path_mm": longest_mm}
+        state.storage.limits.write_text(json.dumps(limits))
+
+    def broken() -> list[str]:
+        return [one.measure for one in state.case.judge(state.case.plan[0]).broken]
+
+    assert broken() == []
+    write(20.0)
+    assert state.case.look_again()
+    assert broken() == ["path length"]
+    state.case.edit("left", notes="mine")
+    assert state.case.can_undo
+    write("long")
+    with pytest.raises(InputError, match=r"limits\.json"):
+        state.case.look_again()
+    assert broken() == ["path length"]
+    write(200.0)
+    assert state.case.look_again()
+    assert broken() == []
 
 
 def test_a_damaged_document_does_not_hide_what_is_new_in_another(state: PlannerState) -> None:

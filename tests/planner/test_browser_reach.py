@@ -47,6 +47,19 @@ def test_a_page_whose_connection_fails_or_is_cut_goes_on_by_itself(browser: Any,
     assert not page.locator("#gone").is_visible()
 
 
+def lines_of(page: Any) -> list[Any]:
+    """The web sockets that a page opens from now on, to be closed."""
+    lines: list[Any] = []
+
+    def meet(line: Any) -> None:
+        lines.append(line)
+        line.connect_to_server()
+
+    page.set_default_timeout(PATIENCE_MS)
+    page.route_web_socket("**/ws", meet)
+    return lines
+
+
 ASKED = "**/planner_page/planner.css"
 """What a page asks for to know whether the planner answers."""
 
@@ -81,10 +94,9 @@ def test_a_planner_that_was_only_held_up_is_gone_on_with_and_half_a_number_is_ne
 
 
 def test_a_planner_that_ends_and_still_answers_has_no_page_loaded_anew(browser: Any, shared: Planner) -> None:
-    """It closes its sockets first: a page that is loaded then would find nobody. The page's clock hardly goes meanwhile."""
-    page, lines, asked = browser.new_page(), [], []
-    page.set_default_timeout(PATIENCE_MS)
-    page.route_web_socket("**/ws", lambda line: lines.append(line) or line.connect_to_server())
+    """It closes its sockets first: a page loaded then would find nobody. The page's clock hardly goes meanwhile."""
+    page, asked = browser.new_page(), []
+    lines = lines_of(page)
     page.goto(shared.url)
     wait_until_whole(page)
     page.on("request", lambda request: asked.append(request.url))
@@ -101,11 +113,8 @@ def test_a_planner_that_ends_and_still_answers_has_no_page_loaded_anew(browser: 
 def test_what_is_half_typed_as_the_connection_is_cut_is_typed_again_and_never_into_another_field(
     browser: Any, running: Planner
 ) -> None:
-    plan, lines = running.folder / "plan.json", []
-    before = plan.read_bytes()
-    page = browser.new_page()
-    page.set_default_timeout(PATIENCE_MS)
-    page.route_web_socket("**/ws", lambda line: lines.append(line) or line.connect_to_server())
+    plan, page = running.folder / "plan.json", browser.new_page()
+    before, lines = plan.read_bytes(), lines_of(page)
     page.goto(running.url)
     wait_until_whole(page)
 

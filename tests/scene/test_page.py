@@ -126,6 +126,7 @@ def turn_and_hide(page: Any, page_file: Path) -> None:
     page.on("pageerror", lambda error: errors.append(str(error)))
     drawn(page, page_file, 700, 400)
     assert not page.locator("#still").is_visible()
+    assert "left" not in page.locator("footer").text_content()
     eventually(page, lambda: bool(is_red(shown(page)).any()))
     left, right, face = (page.locator(f"#names .side >> text={letter}") for letter in "LRA")
     assert left.bounding_box()["x"] > right.bounding_box()["x"] + 50  # the patient's, seen from the front
@@ -151,6 +152,7 @@ def turn_and_hide(page: Any, page_file: Path) -> None:
         "document.querySelector('canvas').getContext('webgl2').getExtension('WEBGL_lose_context').loseContext()"
     )
     page.wait_for_selector("#still", state="visible")
+    page.wait_for_selector("footer >> text=the left of the head on the right")
     assert errors == []
 
 

@@ -93,12 +93,14 @@
     Object.assign(share, { type: "range", min: 0, max: 100, value: 100 * thing.opacity, ariaLabel: `opacity of ${thing.name}` });
     share.addEventListener("input", () => ((thing.opacity = share.value / 100), redraw()));
   }
+  const how = document.getElementById("how"), ofStill = how.textContent;
   canvas.addEventListener("webglcontextlost", () => {
+    how.textContent = ofStill;
     canvas.hidden = list.hidden = document.getElementById("names").hidden = true;
     document.getElementById("still").hidden = false;
   });
   canvas.hidden = list.hidden = false;
   document.getElementById("still").hidden = true;
-  document.getElementById("how").textContent = "drag turns, wheel comes nearer \u00b7 ";
+  how.textContent = "drag turns, wheel comes nearer \u00b7 ";
   new ResizeObserver(redraw).observe(canvas);
 })();
