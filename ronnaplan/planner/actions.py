@@ -32,6 +32,12 @@ def key_actions(state: PlannerState, pointer: Pointer) -> dict[str, tuple[str, C
         if pointer.adding:
             pointer.add()
 
+    def undo() -> None:
+        if pointer.begun:
+            pointer.take_back()
+        else:
+            state.case.undo()
+
     def remove() -> None:
         if state.look.selected:
             state.case.remove(state.look.selected)
@@ -41,7 +47,7 @@ def key_actions(state: PlannerState, pointer: Pointer) -> dict[str, tuple[str, C
         "d": ("measure a distance: click two points", lambda: pointer.measure(2)),
         "g": ("measure an angle: click three points", lambda: pointer.measure(3)),
         "escape": ("leave adding, measuring or pointing", leave),
-        "ctrl+z": ("undo", state.case.undo),
+        "ctrl+z": ("undo; first what was clicked last of what takes several clicks", undo),
         "ctrl+y": ("redo", state.case.redo),
         "ctrl+shift+z": ("redo", state.case.redo),
         "delete": ("remove the selected trajectory", remove),
@@ -143,8 +149,8 @@ class Actions:
         half = _number(width) / 2
         self.state.look.set_window(_number(level) - half, _number(level) + half)
 
-    def _release(self, view: str) -> None:
-        self.pointer.release()
+    def _release(self, view: str, whole: bool = True) -> None:
+        self.pointer.release(whole=whole)
 
     def _wheel(
         self, view: str, steps: Steps, zoom: bool, x: Pixels, y: Pixels, width: Pixels, height: Pixels

@@ -161,7 +161,7 @@ class Painter:
             "adding": self._asks(),
             "measuring": self.pointer.measuring.wanted,
             "asks": self.pointer.measuring.asks,
-            "can_undo": case.can_undo,
+            "can_undo": case.can_undo or self.pointer.begun,
             "can_redo": case.can_redo,
             "surface": look.surface,
             "layout": look.layout,

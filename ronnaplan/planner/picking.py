@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
+from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.pixels import Pixel
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.scene.camera import Camera
 from ronnaplan.scene.cut import Cut
+from ronnaplan.scene.surfaces import SURFACES
 
 GRAB_PIXELS = 9.0
 """A press this near to an end or line of a trajectory takes hold of it."""
+
+ON_SKIN_HU = 250.0
+"""A place on the skin's surface has its value but for this, which rounding and steep edges take."""
 
 
 class Picking:
@@ -35,8 +40,21 @@ class Picking:
         elif (path := self._path_under(camera, at)) is not None:
             self.state.look.select(path[0])
             self.state.look.jump(path[1])
-        elif (place := self.surface_under(camera, at)) is not None:
+        elif (place := self._surface_under(camera, at)) is not None:
             self.state.look.jump(place)
+
+    def on_surface(self, camera: Camera, at: Pixel) -> FloatArray:
+        """Return the place (3,) on the surface shown that is under the pointer; raises `UsageError` without one."""
+        place = self._surface_under(camera, at)
+        if place is None:
+            raise UsageError(f"there is no {self.state.look.surface} under the pointer; click on the head")
+        return place
+
+    def require_head(self, entry_mm: FloatArray) -> None:
+        """Refuse an entry (3,) in the air or outside the scan before a target is asked for."""
+        value = float(self.state.look.scan.values_hu(entry_mm[np.newaxis])[0])
+        if not value >= SURFACES["skin"].value - ON_SKIN_HU:
+            raise UsageError("the entry lies in air or outside the scan; click on the scalp, or near to it")
 
     def _marker_under(self, camera: Camera, at: Pixel) -> str | None:
         """Return the nearest marker whose ball, or a few pixels about its middle, is under the pointer."""
@@ -58,8 +76,7 @@ class Picking:
         nearest = min(found, key=lambda one: one[0], default=None)
         return None if nearest is None or nearest[0] > GRAB_PIXELS else (nearest[1], nearest[2])
 
-    def surface_under(self, camera: Camera, at: Pixel) -> FloatArray | None:
-        """Return the place (3,) on the surface shown that is under the pointer, None where there is none."""
+    def _surface_under(self, camera: Camera, at: Pixel) -> FloatArray | None:
         return self.state.look.surface_along(*camera.ray(*at.halves))
 
 

@@ -17,7 +17,6 @@ from ronnaplan.planner.pixels import Pixel
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.scene.camera import Camera
 from ronnaplan.scene.cut import Cut
-from ronnaplan.scene.surfaces import SURFACES
 
 CLICK_PIXELS = 3.0
 """A pointer that moved less between press and release has clicked: an end under it stays where it is."""
@@ -44,9 +43,6 @@ NARROWEST_HU, WIDEST_HU, LEVELS_HU = 4.0, 8000.0, (-2000.0, 5000.0)
 
 UNSEEN_PIXELS = 600.0
 """How large a view counts that is clicked without a pointer."""
-
-ON_SKIN_HU = 250.0
-"""A place on the skin's surface has its value but for this, which rounding and steep edges take."""
 
 
 class Head(Protocol):
@@ -81,6 +77,8 @@ class Pointer:
         self._turned: list[Pixel] = []
         """Where the pointer was since it took hold of an end, or of the head."""
         self._in_cut = False
+        self._tapped: tuple[str, Pixel] | None = None
+        """Where a finger went down to click a point, until it is lifted: it may be the first of two."""
 
     @property
     def holding(self) -> bool:
@@ -96,6 +94,16 @@ class Pointer:
         """Begin to measure between two points, or the angle at the second of three; or leave it."""
         self.adding, self.state.look.begun_mm = False, None
         self.measuring.begin(points)
+
+    @property
+    def begun(self) -> bool:
+        """Whether points were clicked of what takes more."""
+        return self.state.look.begun_mm is not None or bool(self.state.look.measured_mm)
+
+    def take_back(self) -> None:
+        """Do without the last point that was clicked of what takes more."""
+        self.state.look.begun_mm = None
+        self.state.look.measured_mm = self.state.look.measured_mm[:-1]
 
     def press(
         self,
@@ -113,18 +121,18 @@ class Pointer:
         onto the scalp where that is near, unless it is ``free``.
         """
         self._free, self._coarse = free, FINGER if finger else 1.0
-        self._plane = self._held = self._panned_from = self._windowed_from = None
+        self._plane = self._held = self._panned_from = self._windowed_from = self._tapped = None
         if window and view != HEAD:
             self._windowed_from = at, self.state.look.window_hu
             return
-        clicking = self.adding or self.measuring.wanted > 0
+        clicking = (self.adding or self.measuring.wanted > 0) and not (pan or window)
         self._turned = [at] if view == HEAD and not clicking else []
         if view == HEAD and self.head is None:
             return
-        if self.measuring.wanted:
-            self.measuring.take(self._clicked_place(view, at))
-        elif self.adding:
-            self._add(view, at)
+        if clicking and finger:
+            self._tapped = view, at
+        elif clicking:
+            self._click_point(view, at)
         elif pan and view not in (*PATH_VIEWS, HEAD):
             self._plane = self.state.look.cut(view)
             self._panned_from = at.place_mm(self._plane)
@@ -146,7 +154,9 @@ class Pointer:
                 self.head.turn(at.x - last.x, at.y - last.y)
         if self._windowed_from is not None:
             self._change_window(at)
-        if self._plane is None or self.adding:
+        if self._tapped is not None and self._slipped(self._tapped[1], at):
+            self._tapped = None
+        if self._plane is None:
             return
         place = at.place_mm(self._plane)
         if self._held is not None:
@@ -159,9 +169,15 @@ class Pointer:
         else:
             self.state.look.jump(place)
 
-    def release(self) -> None:
-        """Let go and keep what was dragged; a click in the 3-D view picks what is under it."""
-        at = self._turned[0] if self._turned and self._clicked else None
+    def release(self, *, whole: bool = True) -> None:
+        """Let go and keep what was dragged; a click in the 3-D view picks what is under it, a tap clicks a point.
+
+        It is not ``whole`` where a second finger came down, which is neither.
+        """
+        if self._tapped is not None and whole:
+            self._click_point(*self._tapped)
+        self._tapped = None
+        at = self._turned[0] if whole and self._turned and self._clicked else None
         held, in_cut = self._held, self._in_cut
         if held is not None:
             self.state.case.end_drag()
@@ -213,9 +229,16 @@ class Pointer:
 
     @property
     def _clicked(self) -> bool:
-        first = self._turned[0]
-        least = CLICK_PIXELS * self._coarse
-        return all(np.hypot(one.x - first.x, one.y - first.y) <= least for one in self._turned)
+        return not any(self._slipped(self._turned[0], one) for one in self._turned)
+
+    def _slipped(self, first: Pixel, at: Pixel) -> bool:
+        return bool(np.hypot(at.x - first.x, at.y - first.y) > CLICK_PIXELS * self._coarse)
+
+    def _click_point(self, view: str, at: Pixel) -> None:
+        if self.measuring.wanted:
+            self.measuring.take(self._clicked_place(view, at))
+        else:
+            self._add(view, at)
 
     def _add(self, view: str, at: Pixel) -> None:
         if view == HEAD and self.state.look.begun_mm is not None:
@@ -228,7 +251,7 @@ class Pointer:
         if view != HEAD:
             if not self._free:
                 place = self.state.look.onto_scalp(place, self.state.look.cut(view))
-            self._require_head(place)
+            self.picking.require_head(place)
         self.state.look.begun_mm = place
 
     def _clicked_place(self, view: str, at: Pixel) -> FloatArray:
@@ -236,16 +259,7 @@ class Pointer:
         if view != HEAD:
             return at.place_mm(self.state.look.cut(view))
         assert self.head is not None
-        place = self.picking.surface_under(self.head.camera, at)
-        if place is None:
-            raise UsageError(f"there is no {self.state.look.surface} under the pointer; click on the head")
-        return place
-
-    def _require_head(self, entry_mm: FloatArray) -> None:
-        """Refuse an entry (3,) in the air or outside the scan before a target is asked for."""
-        value = float(self.state.look.scan.values_hu(entry_mm[np.newaxis])[0])
-        if not value >= SURFACES["skin"].value - ON_SKIN_HU:
-            raise UsageError("the entry lies in air or outside the scan; click on the scalp, or near to it")
+        return self.picking.on_surface(self.head.camera, at)
 
     def _take(self, view: str, at: Pixel, name: str, end: str) -> None:
         """Hold an end: it keeps its depth behind the screen, and its distance from the pointer."""

@@ -197,6 +197,7 @@ def test_two_fingers_zoom_and_move_the_picture(page: Any) -> None:
     apart = pytest.approx(before["half"] / 1.15**8)  # the whole steps of 1.15 in 130 / 40 pixels
     eventually(page, lambda: value(page, "drawn_axial")["half"] == apart)
     near = value(page, "drawn_axial")
+    page.click("#distance")  # two fingers click no point meanwhile
     touch("touchStart", (x - 20, y))
     touch("touchStart", (x - 20, y), (x + 20, y))
     for far in (6, 15, 30, 50):
@@ -204,6 +205,11 @@ def test_two_fingers_zoom_and_move_the_picture(page: Any) -> None:
     touch("touchEnd")
     eventually(page, lambda: value(page, "drawn_axial")["cross"][1] > near["cross"][1] + 10)
     assert value(page, "drawn_axial")["half"] == near["half"]
+    assert value(page, "look")["asks"] == "click the first point"
+    touch("touchStart", (x, y))
+    touch("touchEnd")
+    eventually(page, lambda: value(page, "look")["asks"] == "click the second point")
+    page.keyboard.press("Escape")
     page.keyboard.press("f")
     eventually(page, lambda: value(page, "drawn_axial")["half"] == before["half"])
 

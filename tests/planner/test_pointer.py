@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ronnaplan.errors import InputError, UsageError
+from ronnaplan.planner.actions import key_actions
 from ronnaplan.planner.pixels import Pixel
 from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.state import PlannerState
@@ -179,6 +180,52 @@ def test_a_refused_target_leaves_the_entry(state: PlannerState) -> None:
         pointer.press("axial", pixel(state, "axial", np.array([4.0, -110.0, 28.0])))
     assert pointer.adding
     assert state.look.begun_mm is not None
+
+
+def test_undo_takes_back_the_click_of_what_is_begun_before_any_change_of_the_plan(state: PlannerState) -> None:
+    """Else who clicked an entry wrongly would lose the change made before, and by the next click the way back to it."""
+    pointer = Pointer(state)
+    undo = key_actions(state, pointer)["ctrl+z"][1]
+    state.case.edit("left", notes="mine")
+    pointer.add()
+    pointer.press("axial", pixel(state, "axial", np.array([10.0, 5.0, 28.0])))
+    assert pointer.begun
+    undo()
+    assert (pointer.adding, pointer.begun, state.look.begun_mm) == (True, False, None)
+    pointer.measure(3)
+    for place in ([10.0, 5.0, 28.0], [20.0, 5.0, 28.0]):
+        pointer.press("axial", pixel(state, "axial", np.array(place)))
+    undo()
+    assert pointer.measuring.asks == "click the second point"
+    undo()
+    assert state.case.plan.trajectory("left").notes == "mine"
+    undo()
+    assert state.case.plan.trajectory("left").notes == ""
+
+
+def test_moving_the_picture_clicks_no_point_and_a_finger_clicks_as_it_is_lifted(state: PlannerState) -> None:
+    pointer, place = Pointer(state), np.array([10.0, 5.0, 28.0])
+    at, center = pixel(state, "axial", place), state.look.center_mm.copy()
+    aside = replace(at, x=at.x + 40)
+    for begin in (pointer.add, lambda: pointer.measure(2)):
+        begin()
+        pointer.press("axial", at, pan=True)
+        pointer.move("axial", aside)
+        pointer.release()
+        assert not pointer.begun
+        assert not np.allclose(state.look.center_mm, center)
+        at = pixel(state, "axial", place)
+        pointer.press("axial", at, finger=True)
+        pointer.release(whole=False)  # a second finger came down
+        assert not pointer.begun
+        pointer.press("axial", at, finger=True)
+        pointer.move("axial", replace(at, x=at.x + 40))
+        pointer.release()
+        assert not pointer.begun
+        pointer.press("axial", at, finger=True)
+        assert not pointer.begun
+        pointer.release()
+        assert pointer.begun
 
 
 def test_clicks_measure_a_distance_and_an_angle_that_are_kept_and_undone(state: PlannerState) -> None:

@@ -103,7 +103,7 @@
     if (event.pointerType !== "touch") return false;
     fingers.set(event.pointerId, event);
     if (fingers.size === 2) {
-      tell("release", [view.dataset.view]); // what the first finger took hold of
+      tell("release", [view.dataset.view, false]); // what the first finger took hold of; it clicks nothing
       two = { view, from: between(), does: "" };
     }
     return two !== null;
