@@ -150,6 +150,7 @@ def drop_a_scan(page: Any, scans: Path) -> None:
     page.click("#entries >> text=ct/")
     page.wait_for_selector("#entries >> text=no folders in here; its scans are listed below")
     page.wait_for_selector("#found >> text=go on")  # without a further click
+    assert page.evaluate("document.activeElement.textContent") == "ct"  # who works by keyboard goes on from there
     assert page.locator("#found img").count() == 1
     (scans / "notes.txt").write_text("no scan")
     page.set_input_files("#file", scans / "notes.txt")

@@ -49,6 +49,7 @@
     const steps = [listed.root, ...parts].map((name, n) =>
       made("button", { type: "button", onclick: () => go(parts.slice(0, n).join("/")) }, n ? name : name || "/"));
     const look = made("button", { type: "button", className: "look", onclick: () => find(listed.at) }, "look for series here");
+    const goesOn = document.activeElement.closest("#path, #entries"); // what is pressed there is taken away
     one("path").replaceChildren(...steps.flatMap((step, n) => (n ? ["/", step] : [step])), look);
     const entries = listed.entries.map((entry) => {
       const press = () => (entry.folder ? go(entry.at) : find(entry.at));
@@ -60,6 +61,7 @@
     if (!entries.length) entries.push(made("li", {}, made("span", { className: "empty" }, empty)));
     if (listed.more) entries.push(made("li", {}, made("span", { className: "empty" }, `and ${listed.more} more`)));
     one("entries").replaceChildren(...entries);
+    if (goesOn) steps.at(-1).focus();
     if (at && !listed.entries.length) await search(at); // where else would a scan be
   }
   const called = (at) => at || "the root";
