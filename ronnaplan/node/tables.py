@@ -59,11 +59,11 @@ def status_page(index: Index) -> str:
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta http-equiv="refresh" content="5">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>ronnaplan node</title><style>{STYLE}</style></head><body><h1>ronnaplan node</h1>"
+        f"<title>ronnaplan node</title><style>{STYLE}</style></head><body><main><h1>ronnaplan node</h1>"
         f'<p class="note">{NOTICE}</p>'
         f"<h2>Series</h2>{_table(heads[0], series)}"
         f"<h2>Answers that wait</h2>{_table(heads[1], waiting)}"
-        f"<h2>Kept aside: another content under a known UID</h2>{_table(heads[2], aside)}</body></html>\n"
+        f"<h2>Kept aside: another content under a known UID</h2>{_table(heads[2], aside)}</main></body></html>\n"
     )
 
 

@@ -64,9 +64,9 @@ def page(title: str, body: Iterable[str], *, style: str = "", script: str = "") 
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
-        f"<title>{escape(title)}</title><style>{STYLE}{style}</style></head>\n<body>\n"
+        f"<title>{escape(title)}</title><style>{STYLE}{style}</style></head>\n<body><main>\n"
         + "\n".join(body)
-        + f"\n{run}</body></html>\n"
+        + f"\n</main>{run}</body></html>\n"
     )
 
 

@@ -35,6 +35,7 @@ STYLE = """
   .beside:has(.contacts) { font-size: 7pt }
   .limits, .contacts { grid-column: 1 / -1; columns: 2; column-gap: .7rem; font-size: 7pt; margin-top: .3rem }
   :is(.limits, .contacts) table { width: 100%; margin: 0; break-inside: auto }
+  .contacts:not(:has(tr:nth-child(9))) table { break-inside: avoid } /* few rows stay below their head */
   :is(.limits, .contacts) :is(th, td) { padding-right: .25rem }
 }
 """

@@ -79,6 +79,10 @@ def test_inputs_and_software_can_be_told_from_the_page(html: str, folder: Path) 
     assert f"ronnaplan {__version__}" in html
 
 
+def test_the_page_has_a_main_part_for_screen_readers(html: str) -> None:
+    assert html.index("<main>") < html.index("<h1>") < html.index("</main>")
+
+
 def test_the_page_fetches_nothing(html: str) -> None:
     assert set(re.findall(r'(?:src|href)="([a-z]+):', html)) == {"data"}
     assert "http:" not in html
