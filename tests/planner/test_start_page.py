@@ -162,8 +162,15 @@ def drop_a_scan(page: Any, scans: Path) -> None:
     page.click("#found tbody button")
     page.wait_for_selector("#error >> text=name the case with letters")
     page.fill("#name", "first")
+    other = page.context.browser.new_page()
+    other.set_default_timeout(PATIENCE_MS)
+    other.goto(page.url)
+    other.wait_for_selector("text=study/")
     page.click("#found tbody button")
     page.wait_for_selector("canvas[data-picture=axial][data-number]")
+    other.click("text=study/")  # another tab finds the planner where the start page was
+    other.wait_for_selector("canvas[data-picture=axial][data-number]")
+    other.close()
 
 
 def download_its_files(page: Any, case: Path, scans: Path) -> None:

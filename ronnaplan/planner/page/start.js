@@ -13,6 +13,10 @@
   async function ask(address, options = {}) {
     const answer = await fetch(address, options).catch(() => null);
     if (!answer) throw new Error("the planner does not answer; is it still running?");
+    if (answer.status === 404) { // another tab has opened a case: the planner is here now
+      location.reload();
+      return new Promise(() => {});
+    }
     const told = await answer.json().catch(() => ({ error: `the planner refused it (${answer.status})` }));
     if (told.error) throw new Error(told.error);
     return told;
