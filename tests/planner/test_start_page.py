@@ -129,7 +129,7 @@ def press_while_a_folder_is_listed(page: Any) -> None:
     """The press is not lost: the page says that it comes next, and what was listed is hidden until then."""
     held: list[Any] = []
     page.route("**/folders?at=study", lambda route: held.append(route))
-    page.click("text=study/")
+    page.click("#entries >> text=study/")
     page.click("text=look for series here")
     page.wait_for_selector("#busy >> text=opening study ... next: looking for series in the root ...")
     eventually(page, lambda: len(held) == 1)
@@ -146,7 +146,7 @@ def press_while_a_folder_is_listed(page: Any) -> None:
 
 def drop_a_scan(page: Any, scans: Path) -> None:
     """Look through folders, then drop what is no scan, an archive, and open it as a case."""
-    page.click("text=study/")
+    page.click("#entries >> text=study/")
     page.click("#entries >> text=ct/")
     page.wait_for_selector("#entries >> text=no folders in here; its scans are listed below")
     page.wait_for_selector("#found >> text=go on")  # without a further click
@@ -168,7 +168,7 @@ def drop_a_scan(page: Any, scans: Path) -> None:
     other.wait_for_selector("text=study/")
     page.click("#found tbody button")
     page.wait_for_selector("canvas[data-picture=axial][data-number]")
-    other.click("text=study/")  # another tab finds the planner where the start page was
+    other.click("#entries >> text=study/")  # another tab finds the planner where the start page was
     other.wait_for_selector("canvas[data-picture=axial][data-number]")
     other.close()
 
@@ -206,7 +206,7 @@ def leave_and_come_back(page: Any) -> None:
     """Go to the start page, open the case again from there, and leave it."""
     page.click("#leave")
     page.wait_for_selector("text=Open a scan")
-    page.click("text=study/")
+    page.click("#entries >> text=study/")
     page.click("text=look for series here")
     page.click("#found >> text=go on")
     page.wait_for_selector("canvas[data-picture=axial][data-number]")
