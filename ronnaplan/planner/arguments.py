@@ -45,6 +45,9 @@ def checked(name: str, action: Callable[..., Any]) -> Callable[..., Any]:
     validated = validate_call(config=STRICT)(action)
 
     def call(*arguments: Any) -> Any:
+        longest = max((len(one) for one in arguments if isinstance(one, str)), default=0)
+        if longest > LONGEST_TEXT:  # pasted into a field: no fault of the page
+            raise UsageError(f"a text of {longest} characters is not taken; enter {LONGEST_TEXT} at most")
         try:
             return validated(*arguments)
         except ValidationError as error:

@@ -93,6 +93,11 @@ def test_badly_typed_actions_are_refused_one_by_one_and_change_nothing(kept: Pla
     run(send())
 
 
+def test_a_text_that_is_too_long_is_told_for_what_it_is(state: PlannerState) -> None:
+    with pytest.raises(UsageError, match=r"a text of 10001 characters is not taken; enter 10000 at most"):
+        checked("notes", state.case.rename)("left", "x" * (LONGEST_TEXT + 1))
+
+
 def test_every_action_declares_what_it_takes(state: PlannerState) -> None:
     actions = Actions(state, Pointer(state))
     every: dict[str, Callable[..., Any]] = {**actions.by_name(), "move": actions.move}
