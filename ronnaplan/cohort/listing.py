@@ -30,6 +30,8 @@ FIRST_FOLDER: Final = f"(SELECT files.folder FROM files WHERE files.series = ser
 """Where a series lies."""
 PARTLY: Final = "some of its files cannot be read"
 """What the index has of an archive of which some members are missing."""
+WAS_THERE: Final = "place = ? AND NOT (trouble AND stamp = '')"
+"""Files of a root, without what could not be opened when it was listed last: of that there is nothing to lose."""
 NESTED: Final = "an archive within an archive is not unpacked; unpack the outer one"
 
 Item = TypeVar("Item")
@@ -106,7 +108,7 @@ def _list_root(index: Index, place: Place, listed: Listed, progress: bool) -> No
         )
         count = index.value("SELECT COUNT(*) FROM met")
         trouble = [one for one in skipped if one.is_trouble]
-        if not (count or trouble) and index.value("SELECT 1 FROM files WHERE place = ? LIMIT 1", number):
+        if not (count or trouble) and index.value(f"SELECT 1 FROM files WHERE {WAS_THERE} LIMIT 1", number):
             trouble.append(Skipped(printable(place.root), "it is empty, and was not; is its disk there?", True))
         unopened = {place.below(one.path): one.reason for one in trouble}
         _remove_lost(index, number, unopened)

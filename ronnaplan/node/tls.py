@@ -39,12 +39,11 @@ def context(tls: Tls, home: Path, *, server: bool) -> Context:
     made.minimum_version = ssl.TLSVersion.TLSv1_2
     made.set_ciphers(CIPHERS)
     made.verify_mode = ssl.CERT_REQUIRED
-    for name in ("certificate", "key", "authorities"):
-        if not (home / getattr(tls, name)).is_file():
-            raise InputError(
-                f"{name} of [tls] is {printable(home / getattr(tls, name))}, and no such file is there"
-            )
     try:
+        for name in ("certificate", "key", "authorities"):
+            path = home / getattr(tls, name)
+            if not path.is_file():
+                raise InputError(f"{name} of [tls] is {printable(path)}, and no such file is there")
         made.load_cert_chain(home / tls.certificate, home / tls.key, password=_no_pass_phrase)
         made.load_verify_locations(home / tls.authorities)
     except (OSError, ssl.SSLError) as error:

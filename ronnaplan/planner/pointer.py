@@ -237,7 +237,7 @@ class Pointer:
     def _click_point(self, view: str, at: Pixel) -> None:
         if self.measuring.wanted:
             self.measuring.take(self._clicked_place(view, at))
-        else:
+        elif self.adding:  # Escape may have left both since the finger came down
             self._add(view, at)
 
     def _add(self, view: str, at: Pixel) -> None:

@@ -66,11 +66,12 @@ class Shelves:
 
     async def picture(self, request: web.Request) -> NDArray[np.uint8] | None:
         """Return a picture of a series; None where there is none, or something else was asked for meanwhile."""
-        number, shelf, turn = self._numbers.get(request.match_info["key"]), self._shelf, self._turn
-        if shelf is None or number is None:
+        key, shelf, turn = request.match_info["key"], self._shelf, self._turn
+        if shelf is None:
             return None
         async with self._one_by_one:
-            if turn != self._turn:
+            number = self._numbers.get(key)
+            if number is None or turn != self._turn:
                 return None
             try:
                 return await asyncio.get_running_loop().run_in_executor(None, lambda: shelf.picture(number))
@@ -79,10 +80,15 @@ class Shelves:
 
     async def fetch(self, request: web.Request, folder: Path) -> None:
         """Bring a series that was listed into a folder; raises `RonnaplanError` where it does not come whole."""
-        number, shelf = self._numbers.get(request.query.get("key", "")), self._shelf
-        if shelf is None or number is None:
-            raise UsageError("that series of an archive is no longer listed; look for it again")
-        await self._next(lambda: shelf.fetch(number, folder))
+        key, shelf = request.query.get("key", ""), self._shelf
+
+        def bring() -> None:
+            number = self._numbers.get(key)  # only now: a look that was under way listed others meanwhile
+            if shelf is None or number is None:
+                raise UsageError("that series of an archive is no longer listed; look for it again")
+            shelf.fetch(number, folder)
+
+        await self._next(bring)
 
     async def _next(self, work: Callable[[], Result]) -> Result:
         """Do what matters more than the pictures that still wait."""

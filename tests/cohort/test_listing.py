@@ -198,6 +198,16 @@ def test_a_root_whose_files_are_all_gone_is_told_and_loses_nothing(index: Index,
         assert _troubled(index) == set()  # its results stay as they are
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="links need rights on Windows")
+def test_a_root_without_the_link_that_led_nowhere_has_lost_nothing(index: Index, tmp_path: Path) -> None:
+    (root := tmp_path / "in").mkdir()
+    (root / "disk").symlink_to(tmp_path / "not mounted")
+    assert "disk: it cannot be opened" in bring_up_to_date(index, [str(root)]).skipped[0]
+    (root / "disk").unlink()
+    assert bring_up_to_date(index, [str(root)]).skipped == []
+    assert index.value("SELECT COUNT(*) FROM files") == 0
+
+
 def test_a_damaged_archive_is_told_each_time_and_stops_nothing(index: Index, tmp_path: Path) -> None:
     tiny(tmp_path / "in", "1")
     (tmp_path / "in" / "x.zip").write_bytes(b"PK\x03\x04 and no more")

@@ -93,6 +93,7 @@ def test_only_what_bcp_195_allows_is_agreed_on(
     [
         ({"certificate": "none.pem"}, r"certificate of \[tls\] is .*none\.pem, and no such file is there"),
         ({"authorities": "."}, r"authorities of \[tls\] is .*, and no such file is there"),
+        ({"key": "a" * 300}, "the certificates of .* cannot be used .*name too long"),
         ({"key": "locked.key"}, r"the key of \[tls\] is locked by a pass phrase"),
         ({"key": "stranger.key"}, "cannot be used .*mismatch"),
     ],

@@ -226,6 +226,11 @@ def test_moving_the_picture_clicks_no_point_and_a_finger_clicks_as_it_is_lifted(
         assert not pointer.begun
         pointer.release()
         assert pointer.begun
+        pointer.take_back()
+        pointer.press("axial", at, finger=True)
+        begin()  # once more leaves it
+        pointer.release()
+        assert not pointer.begun
 
 
 def test_clicks_measure_a_distance_and_an_angle_that_are_kept_and_undone(state: PlannerState) -> None:

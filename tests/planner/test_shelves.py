@@ -90,6 +90,27 @@ def test_no_series_of_a_later_look_is_fetched_in_the_place_of_one_that_was_liste
     assert books.asked == ["look X ", "look Y ", "fetch 0"]
 
 
+def test_what_is_asked_for_while_another_tab_looks_is_not_taken_from_its_list(tmp_path: Path) -> None:
+    """The number of a series was known before the look ended, and meant another series after it."""
+    books = Books()
+
+    async def asked() -> NDArray[np.uint8] | None:
+        shelves = Shelves(books)
+        (row,) = (await shelves.look(request("/archive?patient=X")))["series"]
+        looking = asyncio.create_task(shelves.look(request("/archive?patient=Y")))
+        await asyncio.sleep(0)  # it has its turn
+        picture = asyncio.create_task(shelves.picture(request(f"/archive/{row['key']}", key=row["key"])))
+        fetching = asyncio.create_task(shelves.fetch(request(f"/fetch?key={row['key']}"), tmp_path))
+        with pytest.raises(UsageError, match="no longer listed; look for it again"):
+            await fetching
+        await looking
+        return await picture
+
+    books.may_go_on.set()
+    assert run(asked()) is None
+    assert books.asked == ["look X ", "look Y "]
+
+
 def test_without_an_archive_there_is_none_to_ask(tmp_path: Path) -> None:
     async def asked() -> None:
         shelves = Shelves(None)
