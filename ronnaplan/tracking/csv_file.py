@@ -173,17 +173,17 @@ def _coordinate_frame(path: Path, cells: list[dict[str, str]], delimiter: str) -
     told = {text for text in texts if text.lower() not in MISSING}
     named = {text for text in told if number(text, delimiter) is None}
     mixed = named if len(named) > 1 else told if named and told - named else set()
-    systems = {row.get(name, "").strip() for row in cells for name in SYSTEM_COLUMNS} - {""}
+    stated = {row.get(name, "").strip() for row in cells for name in SYSTEM_COLUMNS}
+    systems = {text for text in stated if text.lower() not in MISSING}
     mixed = mixed or (systems if len(systems) > 1 else set())
     if mixed:
         shown = ", ".join(printable(name, LONGEST_FRAME_NAME) for name in sorted(mixed)[:MOST_SHOWN])
         raise FrameMismatchError(f"{path} mixes readings of the frames {shown}; expected one frame")
+    expected = "a whole number or a name" if named else "a name, such as RAS"
     named = named or systems
     for name in named:
         if not (name[0].isalpha() and name.isprintable() and len(name) <= LONGEST_FRAME_NAME):
-            raise InputError(
-                f"{path} has the frame '{printable(name, LONGEST_FRAME_NAME)}'; expected a whole number or a name"
-            )
+            raise InputError(f"{path} has the frame '{printable(name, LONGEST_FRAME_NAME)}'; expected {expected}")
     return Frame(named.pop()) if named else OTS
 
 

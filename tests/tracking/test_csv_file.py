@@ -109,6 +109,7 @@ def test_a_first_line_that_tells_a_spreadsheet_the_delimiter_is_heard(tmp_path: 
         ),
         ("x,y,z,length_unit\n1,2,3,cm\n", "unit is 'cm'"),
         ("x,y,z,frame\n1,2,3,1.5\n", "frame number '1.5'"),
+        ("x,y,z,coordinate_system\n1,2,3,0\n", "has the frame '0'; expected a name, such as RAS"),
         ("x,y,z,frame\n1,2,3,1e300\n", "frame number '1e300'"),
         ("x,y,z,frame\n1,2,3,1\n1,2,3,l2\n", "the frames 1, l2"),
         ("state,tx,ty,tz,frame\nOK,1,2,3,l2\n", "frame number 'l2'"),
@@ -139,6 +140,8 @@ def test_columns_that_could_be_taken_for_others_are_refused(tmp_path: Path, text
         ("x,y,z,coordinate_system,frame\n1,2,3,RAS,7\n", "RAS"),
         ("x,y,z,coordinate_system,frame\n1,2,3,RAS,Polaris\n", "Polaris"),
         ("x,y,z,coordinate_system\n1,2,3,\n", "OTS"),
+        ("x,y,z,coordinate_system\n1,2,3,NaN\n4,5,6,n/a\n", "OTS"),
+        ("x,y,z,coordinate_system\n1,2,3,None\n4,5,6,LPS\n", "LPS"),
     ],
 )
 def test_a_coordinate_system_is_no_tracker_s_own(tmp_path: Path, text: str, frame: str) -> None:
