@@ -85,13 +85,7 @@ def calibrate_on_board(
 
     if len(left) != len(right) or len({np.asarray(image).shape for image in (*left, *right)}) != 1:
         raise InputError("the board images are not pairs of one size; expected as many left as right ones")
-    pairs = [(_corners(a, corners), _corners(b, corners)) for a, b in zip(left, right, strict=True)]
-    seen = [(a, b) for a, b in pairs if a is not None and b is not None]
-    if len(seen) < FEWEST_BOARDS:
-        raise InputError(
-            f"the whole board is seen in {len(seen)} image pairs; expected {FEWEST_BOARDS} or more of a plain "
-            f"chessboard (no ChArUco) of {corners[0]} x {corners[1]} inner corners, all of it in both images"
-        )
+    seen = _seen_by_both(left, right, corners)
     grid = np.zeros((corners[0] * corners[1], 3), np.float32)
     grid[:, :2] = np.mgrid[: corners[0], : corners[1]].T.reshape(-1, 2) * square_mm
     boards = [grid] * len(seen)
@@ -213,6 +207,20 @@ def _require_tilts(turns: FloatArray) -> None:
 
 def _floats(values: object) -> FloatArray:
     return np.asarray(values, dtype=np.float64)
+
+
+def _seen_by_both(
+    left: Sequence[Image], right: Sequence[Image], corners: tuple[int, int]
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Return the corners in each pair of images that shows the whole board; raises `InputError` for too few pairs."""
+    pairs = [(_corners(a, corners), _corners(b, corners)) for a, b in zip(left, right, strict=True)]
+    seen = [(a, b) for a, b in pairs if a is not None and b is not None]
+    if len(seen) < FEWEST_BOARDS:
+        raise InputError(
+            f"the whole board is seen in {len(seen)} image pairs; expected {FEWEST_BOARDS} or more of a plain "
+            f"chessboard (no ChArUco) of {corners[0]} x {corners[1]} inner corners, all of it in both images"
+        )
+    return seen
 
 
 def _corners(image: Image, corners: tuple[int, int]) -> FloatArray | None:
