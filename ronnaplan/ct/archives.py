@@ -15,7 +15,7 @@ from pathlib import Path
 
 from ronnaplan.ct.files import Blob, DamagedError, Skipped, starts_with
 from ronnaplan.ct.limits import Limits
-from ronnaplan.ct.system_folders import WHY_LEFT_OUT, is_below_system_folder
+from ronnaplan.ct.system_folders import WHY_LEFT_PACKED, is_below_system_folder
 from ronnaplan.errors import InputError
 from ronnaplan.portable import read_at, read_into
 from ronnaplan.text import printable
@@ -163,7 +163,7 @@ def zip_members(
         if info.filename.endswith("/") or (wanted is not None and info.filename not in wanted):
             continue
         if wanted is None and is_below_system_folder(info.filename):
-            skipped.append(Skipped(member.name, WHY_LEFT_OUT, False))
+            skipped.append(Skipped(member.name, WHY_LEFT_PACKED, False))
         elif info.flag_bits & _ENCRYPTED:
             skipped.append(Skipped(member.name, "it is encrypted", True))
         elif info.compress_type not in _METHODS:  # Windows packs large folders by Deflate64, method 9

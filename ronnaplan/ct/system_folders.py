@@ -7,6 +7,9 @@ from pathlib import PurePosixPath
 from typing import Final
 
 WHY_LEFT_OUT: Final = "it is the system's own, or was deleted; name that folder to look into it"
+WHY_LEFT_PACKED: Final = (
+    "its folder is the system's own, or was deleted; unpack the archive, then name that folder"
+)
 
 _DELETED: Final = frozenset({".trash", ".trashes", "$recycle.bin", "#recycle", "@recycle"})
 """Of macOS, of Windows, and of network disks by Synology and QNAP: a scan in them is one that somebody gave up."""

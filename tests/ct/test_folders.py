@@ -10,7 +10,7 @@ import pytest
 from pydicom.dataset import Dataset
 
 from ronnaplan.ct import find_series, read_ct
-from ronnaplan.ct.system_folders import WHY_LEFT_OUT
+from ronnaplan.ct.system_folders import WHY_LEFT_OUT, WHY_LEFT_PACKED
 from tests.ct.makers import write_series
 
 NAMES = (
@@ -61,4 +61,4 @@ def test_what_was_deleted_of_a_disk_that_was_packed_is_left_out(tmp_path: Path) 
             archive.write(path, path.relative_to(tmp_path))
     found = find_series(tmp_path / "disk.zip")
     assert len(found.series) == 1
-    assert {one.reason for one in found.skipped} == {WHY_LEFT_OUT}
+    assert {one.reason for one in found.skipped} == {WHY_LEFT_PACKED}
