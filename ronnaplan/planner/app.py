@@ -113,6 +113,7 @@ class PlannerApp:
                 "surfaces": list(SURFACES),
                 "presets": list(PRESETS),
                 "openings": list(OPENINGS),
+                "scan": self.state.case.volume.voxel_sha256,
                 "scan_doubts": list(scan_doubts(self.state.case.volume)),
             }
         )

@@ -124,6 +124,11 @@ def test_what_is_half_typed_as_the_connection_is_cut_is_typed_again_and_never_in
         page.wait_for_function("!window.before")
         wait_until_whole(page)
 
+    of_another = {"id": "notes", "owner": "left", "before": "", "text": "of another case", "scan": "another"}
+    page.evaluate("left => sessionStorage.setItem('ronnaplan: half typed', JSON.stringify(left))", of_another)
+    page.reload()
+    wait_until_whole(page)
+    assert page.evaluate("[document.querySelector('#notes').value, sessionStorage.length]") == ["", 0]
     page.locator("#notes").press("Control+a")
     page.keyboard.type("a way between the ves")
     cut()

@@ -52,13 +52,13 @@
   let opening = false;
   window.addEventListener("change", (event) => opening && event.stopImmediatePropagation(), true);
   // What is half typed is typed again: into its field, or into that of the page that is loaded anew, if it is for the same
-  // thing (owner, see planner.js) and says the same.
-  const HALF = "ronnaplan: half typed";
+  // thing (owner, see planner.js) of the same scan, and says the same: another tab may have opened another case meanwhile.
+  const HALF = "ronnaplan: half typed", scan = () => window.trame.state.get("scan");
   let half = null;
   function typed() {
     const field = document.activeElement;
     if (!field?.matches("input, textarea") || field.value === field.defaultValue) return null;
-    return { field, id: field.id, owner: field.owner, before: field.defaultValue, text: field.value };
+    return { field, id: field.id, owner: field.owner, scan: scan(), before: field.defaultValue, text: field.value };
   }
   function typeAgain(field, text) {
     field.focus({ preventScroll: true });
@@ -70,7 +70,7 @@
     const left = JSON.parse(sessionStorage.getItem(HALF));
     if (left?.id !== field.id) return;
     sessionStorage.removeItem(HALF);
-    if (left.owner === field.owner && left.before === field.defaultValue) typeAgain(field, left.text);
+    if (left.owner === field.owner && left.scan === scan() && left.before === field.defaultValue) typeAgain(field, left.text);
   };
   function reload() {
     if (half) sessionStorage.setItem(HALF, JSON.stringify({ ...half, field: undefined }));
