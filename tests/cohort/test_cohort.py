@@ -71,7 +71,8 @@ def test_what_cannot_be_listed_is_refused_before_there_is_a_folder_of_results(
     (tmp_path / "in" / "DICOMDIR").touch()
     (tmp_path / "link").symlink_to("in")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("HOME", str(tmp_path))
+    for home in ("HOME", "USERPROFILE"):  # of Windows
+        monkeypatch.setenv(home, str(tmp_path))
     given = [root.format(here=tmp_path) for root in roots]
     with pytest.raises(InputError, match=reason):
         run_cohort(given, Path("out"), Rules(rule=(RULE,)), module=FAKE, workers=1, list_roots=bool(roots))
