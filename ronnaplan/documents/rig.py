@@ -48,6 +48,9 @@ class CameraEntry(DocumentModel):
     rig_from_camera: Matrix4
     size: tuple[Pixels, Pixels] | None = None
     """Columns and rows of its images; not told by versions up to 0.2."""
+    reach: Ratio | None = None
+    """How far out boards were seen, of the way from its images' middle to their corners; not told by versions up to
+    0.2, whose spheres are measured anywhere."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -60,7 +63,7 @@ class CameraEntry(DocumentModel):
     def camera(self) -> Camera:
         """Return the camera."""
         place = as_pose(self.rig_from_camera, "rig_from_camera")
-        return Camera(np.array(self.matrix), np.array(self.distortion), place, self.size)
+        return Camera(np.array(self.matrix), np.array(self.distortion), place, self.size, self.reach)
 
 
 class RigDocument(DocumentModel):
@@ -207,4 +210,5 @@ def _camera(camera: Camera) -> dict[str, object]:
         "distortion": camera.distortion.tolist(),
         "rig_from_camera": camera.rig_from_camera.tolist(),
         "size": camera.size_px,
+        "reach": camera.reach,
     }

@@ -30,6 +30,8 @@ class Camera:
     """(4, 4), mm."""
     size_px: tuple[int, int] | None = None
     """Columns and rows of the images that it was calibrated on; others are cropped or scaled, and not of it."""
+    reach: float | None = None
+    """How far out boards were seen, as `away` counts; how the lens bends what lies farther out is extrapolated."""
 
     def __post_init__(self) -> None:
         if self.matrix.shape != (3, 3) or not np.isfinite(self.matrix).all() or self._too_short:
@@ -38,6 +40,10 @@ class Camera:
                 f"{SMALLEST_FOCAL_PX:g} pixel or more"
             )
         as_pose(self.rig_from_camera, "rig_from_camera")
+        if self.reach is not None and self.size_px is None:
+            raise InputError(
+                "a camera has a reach, but no size; expected the size of its images that it is a part of"
+            )
 
     @property
     def focal_px(self) -> float:
@@ -60,6 +66,13 @@ class Camera:
             raise InputError(
                 f"an image of {told} pixels is not of this camera, which was calibrated on {own}; do not crop or scale"
             )
+
+    def beyond_boards(self, pixels: ArrayLike) -> float | None:
+        """Return how far out the farthest of ``pixels`` (N, 2) is, if boards were not seen so far out."""
+        if self.reach is None or self.size_px is None:
+            return None
+        out = float(away(pixels, self.size_px).max())
+        return out if out > self.reach else None
 
     def pixels(self, rays: ArrayLike) -> FloatArray:
         """Return the pixels (N, 2) that look along ``rays`` (N, 3), of any length, in the camera's own frame."""
@@ -87,6 +100,13 @@ class Camera:
         rays = np.column_stack([plane, np.ones(len(plane))])
         directions: FloatArray = rays / np.linalg.norm(rays, axis=1, keepdims=True)
         return directions
+
+
+def away(pixels: ArrayLike, size_px: tuple[int, int]) -> FloatArray:
+    """Return how far ``pixels`` (N, 2) are from the middle of images of ``size_px`` (columns, rows); 1 is a corner."""
+    middle = (np.array(size_px) - 1) / 2.0
+    shares: FloatArray = np.linalg.norm(np.asarray(pixels) - middle, axis=1) / np.linalg.norm(middle)
+    return shares
 
 
 @dataclass(frozen=True)

@@ -74,9 +74,10 @@ def locate_sphere(
     """Return the one sphere of ``diameter_mm`` that both images (rows, columns; grey) show.
 
     Outlines are paired when their lines of sight meet and both have the size of such a sphere there. Raises
-    `InputError` if no pair does and `RefusedError` if more than one does, if the images are not linear in the light, or
-    if the center is not known to ``largest_mm`` (RMS). Where the limb is as dark as the ground its place depends on
-    where the lamps are: well beside the lenses, or about them and off them by ``lamp_sd_deg``, as seen from the sphere.
+    `InputError` if no pair does and `RefusedError` if more than one does, if its outline is farther out in an image
+    than the calibration's boards were, if the images are not linear in the light, or if the center is not known to
+    ``largest_mm`` (RMS). Where the limb is as dark as the ground its place depends on where the lamps are: well beside
+    the lenses, or about them and off them by ``lamp_sd_deg``, as seen from the sphere.
     """
     if not (np.isfinite(diameter_mm) and diameter_mm > 0):
         raise InputError(f"a sphere diameter of {diameter_mm} mm was given; expected one above zero")
@@ -98,6 +99,7 @@ def locate_sphere(
         )
     if len(found) > 1:
         raise RefusedError(f"{len(found)} spheres of {diameter_mm:g} mm are seen by both cameras; expected one")
+    _require_within_boards(found[0], rig)
     require_linear((left, right), (rig.left, rig.right), (found[0].left, found[0].right))
     stated_mm = float(np.sqrt(np.trace(found[0].covariance_mm2)))
     if not stated_mm <= largest_mm:
@@ -107,6 +109,18 @@ def locate_sphere(
             "cameras closer"
         )
     return found[0]
+
+
+def _require_within_boards(sphere: StereoSphere, rig: StereoRig) -> None:
+    """Raise `RefusedError` where the outline of ``sphere`` is farther out in either image than boards were seen."""
+    for side, camera, outline in (("left", rig.left, sphere.left), ("right", rig.right, sphere.right)):
+        out = camera.beyond_boards(outline.points_px)
+        if out is not None:
+            raise RefusedError(
+                f"the sphere reaches out to {out:.1%} of the way from the {side} image's middle to its corners, "
+                f"expected {camera.reach:.1%} or less as the calibration's boards do: how the lens bends what lies "
+                "farther out is not known; bring the sphere nearer to the middle, or calibrate with boards there, too"
+            )
 
 
 def _other_size(met: list[StereoSphere], rig: StereoRig, diameter_mm: float) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, as_points
 from ronnaplan.pose import Pose, adjoint, as_poses, as_stack, exponential, invert, rigid
-from ronnaplan.robot.camera import RIG, Camera, StereoRig
+from ronnaplan.robot.camera import RIG, Camera, StereoRig, away
 from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.circles import Image
 from ronnaplan.robot.hand_eye import require_two_axes
@@ -45,18 +45,16 @@ class StereoCalibration:
     right: Camera
     rms_px: float
     boards_used: int
-    reaches: tuple[float, float]
-    """How far the boards' corners reach in the left and the right image, of the way from its middle to its corners."""
 
     @property
     def doubts(self) -> tuple[str, ...]:
         """Where in the images it does not hold."""
         return tuple(
-            f"the boards reach out to {reach:.0%} of the way from the {side} image's middle to its corners, expected "
-            f"{LEAST_REACH:.0%} or more: how the lens bends what lies farther out is not known; take boards there, "
-            "too, or keep spheres within"
-            for side, reach in zip(("left", "right"), self.reaches, strict=True)
-            if reach < LEAST_REACH
+            f"the boards reach out to {camera.reach:.0%} of the way from the {side} image's middle to its corners, "
+            f"expected {LEAST_REACH:.0%} or more: how the lens bends what lies farther out is not known, and spheres "
+            "there are refused; take boards there, too, or keep spheres within"
+            for side, camera in (("left", self.left), ("right", self.right))
+            if camera.reach is not None and camera.reach < LEAST_REACH
         )
 
 
@@ -110,11 +108,10 @@ def calibrate_on_board(
         )
     right_from_left = rigid(_floats(rotation), _floats(shift).ravel())
     return StereoCalibration(
-        Camera(_floats(k_left), _floats(d_left).ravel(), np.eye(4), size),
-        Camera(_floats(k_right), _floats(d_right).ravel(), invert(right_from_left), size),
+        Camera(_floats(k_left), _floats(d_left).ravel(), np.eye(4), size, _reach(firsts, size)),
+        Camera(_floats(k_right), _floats(d_right).ravel(), invert(right_from_left), size, _reach(seconds, size)),
         float(rms),
         len(seen),
-        (_reach(firsts, size), _reach(seconds, size)),
     )
 
 
@@ -181,10 +178,8 @@ def _quarters_apart(left: FloatArray, right: FloatArray, square: bool) -> list[i
 
 
 def _reach(seen: list[FloatArray], size: tuple[int, int]) -> float:
-    """Return how far corners reach from the middle of images of ``size`` (columns, rows); 1 is an image's corner."""
-    middle = (np.array(size) - 1) / 2.0
-    away = np.linalg.norm(np.concatenate(seen).reshape(-1, 2) - middle, axis=1)
-    return float(away.max() / np.linalg.norm(middle))
+    """Return how far out the boards' corners are ``seen`` in images of ``size`` (columns, rows)."""
+    return float(away(np.concatenate(seen).reshape(-1, 2), size).max())
 
 
 def _recounted(seen: FloatArray, corners: tuple[int, int], quarters: int) -> FloatArray:

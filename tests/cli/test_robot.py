@@ -425,6 +425,20 @@ def test_images_that_were_cropped_are_refused(home: Path, tmp_path: Path) -> Non
         in_rig(read_pairs(tmp_path), read_rig(home / "rig.json").rig, diameter_mm=11.5)
 
 
+def test_markers_farther_out_than_the_boards_were_are_refused(
+    home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """How far the calibration's boards reached, its document tells."""
+    near = read(home / "rig.json")
+    assert 0.3 < near["left"]["reach"] < 1.0
+    near["left"]["reach"] = 0.001
+    (tmp_path / "rig.json").write_text(json.dumps(near))
+    looks = (str(home / "session" / "markers"), str(home / "session" / "markers_robot.csv"))
+    assert main(["robot", "relocate", *looks, "--rig", str(tmp_path / "rig.json"), "--diameter", "11.5"]) == 3
+    told = r"frame 0: the sphere reaches out to \d+\.\d% of .* left image's middle .*, expected 0\.1% or less as"
+    assert re.search(told, capsys.readouterr().err)
+
+
 def test_squares_of_another_size_than_stated_contradict_the_sphere(home: Path) -> None:
     rig, looks = read_rig(home / "rig.json").rig, read_pairs(home / "session" / "markers")
     spheres = in_rig({0: looks[0]}, rig, diameter_mm=11.5)

@@ -132,7 +132,9 @@ def robot_documents() -> dict[str, tuple[str, Reader]]:
     poses[:, :3, :3] = Rotation.from_rotvec(rng.uniform(-0.5, 0.5, (200, 3))).as_matrix()
     poses[:, :3, 3] = rng.normal(size=(200, 3)) * 0.1 - poses[:, :3, :3] @ [10.0, 20, 150]
     hand_eye = HandEye(pose(M, TCP), pose(R, OTS), 0.05, 0.2, 0.2)
-    camera = Camera(np.array([[2100.0, 0, 320], [0, 2100, 256], [0, 0, 1]]), np.full(5, 0.01), np.eye(4))
+    camera = Camera(
+        np.array([[2100.0, 0, 320], [0, 2100, 256], [0, 0, 1]]), np.full(5, 0.01), np.eye(4), (640, 512), 0.9
+    )
     tcp = TcpCalibration(pose(TCP, RIG), np.ones(3), 0.02, 0.01)
     robot = np.array([pose(R, TCP).matrix for _ in range(4)])
     found = RobotMarkers(tuple("1234"), rng.normal(size=(4, 3)) * 90, np.tile(1e-4 * np.eye(3), (4, 1, 1)), robot,
@@ -148,7 +150,7 @@ def robot_documents() -> dict[str, tuple[str, Reader]]:
         "pivot": (to_json(pivot_document(calibrate_pivot(poses), "tool", ("a note",))), read_pivot),
         "hand-eye": (to_json(hand_eye_document(hand_eye, "tool", 60, pivot=True)), read_hand_eye),
         "rig": (
-            to_json(rig_document(StereoCalibration(camera, camera, 0.1, 8, (0.9, 0.9)), tcp, 12, 11.5)),
+            to_json(rig_document(StereoCalibration(camera, camera, 0.1, 8), tcp, 12, 11.5)),
             read_rig,
         ),
         "spheres": (to_json(spheres_document(found, 11.5)), read_spheres),

@@ -1,5 +1,6 @@
 """Stereo re-localization of an evenly bright sphere, on images rendered by independent code."""
 
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
@@ -139,6 +140,28 @@ def test_a_sphere_of_another_size_is_told_of_no_size_where_the_cameras_disagree_
     off = StereoRig(Camera(K[0], D[0], np.eye(4)), Camera(longer, D[1], RIGHT), Pose.exact(np.eye(4), TCP, RIG))
     with pytest.raises(InputError, match=r"no sphere of 8 mm .* right\); check that left and right are"):
         locate_sphere(*images, off, diameter_mm=8.0)
+
+
+def test_a_sphere_whose_outline_is_farther_out_than_boards_were_is_refused() -> None:
+    """It reaches out to 0.647 of the way in the left image and to 0.683 in the right."""
+    center, size = np.array([27.0, 17, 300]), (rendering.SIZE[1], rendering.SIZE[0])
+    images = seen([center], np.random.default_rng(3))
+
+    def rig(left: float, right: float) -> StereoRig:
+        cameras = (
+            replace(RIG_EXACT.left, size_px=size, reach=left),
+            replace(RIG_EXACT.right, size_px=size, reach=right),
+        )
+        return StereoRig(*cameras, RIG_EXACT.tcp_from_rig)
+
+    found = locate_sphere(*images, rig(0.66, 0.69), diameter_mm=DIAMETER)
+    assert np.linalg.norm(found.position_mm - center) < 0.02
+    for reaches, told in (
+        ((0.63, 0.69), "64.7% .* left image's .*, expected 63.0%"),
+        ((0.66, 0.67), "68.3% .* right"),
+    ):
+        with pytest.raises(RefusedError, match=told):
+            locate_sphere(*images, rig(*reaches), diameter_mm=DIAMETER)
 
 
 def test_images_of_the_other_camera_each_are_told_as_such() -> None:

@@ -92,7 +92,7 @@ def test_boards_that_stay_in_the_middle_of_larger_images_are_told() -> None:
             assert corners is not None
             _found[large.tobytes()] = corners + np.array([columns // 2, rows // 2], dtype=np.float32)
     calibration = calibrate_on_board(*around, corners=CORNERS, square_mm=SQUARE)
-    assert calibration.reaches == pytest.approx((0.32, 0.34), abs=0.01)
+    assert (calibration.left.reach, calibration.right.reach) == pytest.approx((0.32, 0.34), abs=0.01)
     assert "reach out to 32% of the way from the left image's middle" in calibration.doubts[0]
 
 
