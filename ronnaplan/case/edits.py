@@ -11,7 +11,7 @@ from ronnaplan.case import marker_edits
 from ronnaplan.case.folder import Case, CaseFiles, placement_at
 from ronnaplan.case.kept_files import KeptFiles
 from ronnaplan.case.steps import MarkerStep, Steps
-from ronnaplan.case.surroundings import Judgement, Labels, Rules, Surroundings
+from ronnaplan.case.surroundings import Judgement, Labels, Rules
 from ronnaplan.case.waiting import Waiting
 from ronnaplan.ct import CTVolume
 from ronnaplan.documents.agreement import disagreement
@@ -50,13 +50,13 @@ class OpenCase:
     ) -> None:
         """Open the case of ``volume`` whose documents lie at ``files``, or will; raises what `Case` raises."""
         self._kept = KeptFiles(files)
+        self.require_files = self._kept.require_there
         self.placement = placement_at(files.placement)
         """Of the robot, as it was when the case was opened."""
         case = self._read(volume, rules or Rules(), no_go or {})
-        self.volume, self.no_go, self.rules = volume, case.no_go, case.rules
+        self.volume, self.no_go, self.rules, self.surroundings = volume, case.no_go, case.rules, case.surroundings
         self.plan: Plan = Plan.of_scan(volume) if case.plan is None else case.plan
         self.fiducials, self.registration = case.fiducials, case.registration
-        self.surroundings: Surroundings = case.surroundings
         self.before_drag: Plan | None = None
         self.unwritten = Waiting()
         """The change that could not be written."""
@@ -67,8 +67,8 @@ class OpenCase:
     def look_again(self) -> bool:
         """Take over what another hand has written; return whether there is anything new.
 
-        Raises `InputError` for a document that cannot be read, after the others were taken over, or for one of another
-        scan, when none is.
+        Raises `InputError` for a document that cannot be read or was removed, after the others were taken over, or for
+        one of another scan, when none is.
         """
         if self.dragging:
             return False

@@ -46,18 +46,22 @@ class KeptFiles:
         limits = None if self.limits is None else self.limits.content
         return rules if limits is None else replace(rules, limits=limits)
 
+    @property
+    def _every(self) -> list[Kept[Any]]:
+        return [self.plan, self.fiducials, self.registration, *([self.limits] if self.limits else [])]
+
+    def require_there(self) -> None:
+        """Raise `InputError` where a document was removed that still counts: the files are another case."""
+        for one in self._every:
+            one.require_there()
+
     def look_again(self, take_over: Callable[[], None]) -> bool:
         """Have ``take_over`` called where another hand has written anything; return whether it was.
 
-        Raises `InputError` for a document that cannot be read, after the others were taken over, and what
-        ``take_over`` raises; then the documents are as before.
+        Raises `InputError` for a document that cannot be read or was removed, after the others were taken over, and
+        what ``take_over`` raises; then the documents are as before.
         """
-        kept: list[Kept[Any]] = [
-            self.plan,
-            self.fiducials,
-            self.registration,
-            *([self.limits] if self.limits else []),
-        ]
+        kept = self._every
         before = [one.content for one in kept]
         unread: list[RonnaplanError] = []
         for one in kept:

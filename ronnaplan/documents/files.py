@@ -188,7 +188,13 @@ def check_target(path: str | os.PathLike[str]) -> None:
     """Raise `InputError` unless a file can be written at ``path``: worth knowing before a long computation."""
     if not os.fspath(path):
         raise InputError("an empty name was given for the file to write; give its path")
-    target = Path(os.path.realpath(path))
+    try:
+        _check_place(path, Path(os.path.realpath(path)))
+    except OSError as error:  # in a folder that is closed nothing can be looked up
+        raise _unwritten(path, error) from error
+
+
+def _check_place(path: str | os.PathLike[str], target: Path) -> None:
     if target.exists() and not target.is_file():
         raise InputError(f"{os.fspath(path)} is no regular file; give the path of a file to write")
     if not target.parent.is_dir():

@@ -14,6 +14,9 @@ Document = TypeVar("Document")
 Stamp = tuple[int, int, int] | None
 """Time, size and number of a file; another one after every write. None: there is no file."""
 
+NOT_LOOKED_AT: Stamp = (0, 0, 0)
+"""Of no file there can be."""
+
 
 class Kept(Generic[Document]):
     """One document as it was last read or written here. ``content`` is None where there is none."""
@@ -53,26 +56,41 @@ class Kept(Generic[Document]):
 
         written: Document | None = change_document(self.path, lambda _: self._there(), change, self._text_of)
         assert written is not None
-        self.content, self._stamp = written, None  # looked at once more: another may have written since
+        self.content, self._stamp = written, NOT_LOOKED_AT  # looked at once more: another may have written since
         return written
 
     def look_again(self) -> bool:
         """Read what another hand has written; return whether there is anything new.
 
-        Raises `InputError`, once for each such write, where it cannot be read; ``content`` is then as it was.
+        Raises `InputError`, once for each such write, where it cannot be read or was removed; ``content`` is then as it
+        was.
         """
         stamp = _stamp(self.path)
         if stamp == self._stamp:
             return False
         self._stamp = stamp
         theirs = self._there()
+        if theirs is None:
+            self.require_there()
         if theirs is None or self._same(theirs, self.content):
             return False
         self.content = theirs
         return True
 
+    def require_there(self) -> None:
+        """Raise `InputError` where ``content`` is on the disk no longer: who reads the file finds something else."""
+        if self.content is not None and _stamp(self.path) is None:
+            raise InputError(
+                f"{self.path.name} was removed, and what it held still counts here; put it back, or open the case "
+                "again to go on without it"
+            )
+
     def _there(self) -> Document | None:
-        return self._read(self.path) if self.path.exists() else None
+        try:
+            is_there = self.path.exists()
+        except OSError:  # who may not look it up does not know that there is none: to read it tells why
+            is_there = True
+        return self._read(self.path) if is_there else None
 
     def _same(self, one: Document, other: Document | None) -> bool:
         return other is not None and self._text(one) == self._text(other)

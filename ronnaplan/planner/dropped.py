@@ -60,6 +60,16 @@ class Dropped:
             raise InputError(f"{printable(name)} cannot be kept ({error.strerror}); drop it again") from error
 
     @property
+    def key(self) -> str:
+        """What tells the files that were dropped last from those of any other drop; empty where there are none."""
+        return self._folder.name if self._folder is not None else ""
+
+    def require(self, key: str) -> None:
+        """Raise `UsageError` unless the drop of that ``key`` is the last one: its files are gone otherwise."""
+        if not self.key or key != self.key:
+            raise UsageError("something else was dropped, fetched or opened since; drop or fetch it again")
+
+    @property
     def scan(self) -> Path:
         """What is looked through: the only file where it is an archive or image, else the folder."""
         if self._folder is None:

@@ -14,6 +14,7 @@ from typing import Final
 
 from aiohttp import web
 
+from ronnaplan.case.edits import OpenCase
 from ronnaplan.documents.files import write_atomically
 from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.planner.storage import Storage
@@ -44,9 +45,9 @@ class Origin:
 class Handing:
     """Answers downloads of a case's files, and takes readings into its folder."""
 
-    def __init__(self, storage: Storage, origin: Origin | None, shown: Callable[[], None]) -> None:
-        """``shown`` draws the page again when the folder holds new readings."""
-        self._storage, self._origin, self._shown = storage, origin, shown
+    def __init__(self, storage: Storage, origin: Origin | None, shown: Callable[[], None], case: OpenCase) -> None:
+        """``shown`` draws the page again when the folder of the ``case`` holds new readings."""
+        self._storage, self._origin, self._shown, self._case = storage, origin, shown, case
         self._making = asyncio.Lock()
 
     def routes(self) -> list[web.RouteDef]:
@@ -72,6 +73,10 @@ class Handing:
     async def _made(self, name: str, origin: Origin) -> bytes:
         """Have a file made of the case as it is now, by a process of its own; one at a time."""
         verb, *rest = MADE[name]
+        try:
+            self._case.require_files()
+        except RonnaplanError as error:
+            raise web.HTTPUnprocessableEntity(text=str(error)) from error
         async with self._making:
             with tempfile.TemporaryDirectory() as folder:
                 for document, path in self._storage.found.items():

@@ -73,6 +73,8 @@ class StartPage:
     async def _series(self, request: web.Request) -> Any:
         """Look for series in what was dropped, or at a place below the root."""
         at = request.query.get("at")
+        if at is None:
+            self.dropped.require(request.query.get("drop", ""))
         path = self.dropped.scan if at is None else self.places.at(at)
         found = await self._work("looking for series", lambda: series_at(path))
         # a key of its own each time: what another tab looked for since is not opened in its place
@@ -93,20 +95,25 @@ class StartPage:
 
     async def _drop(self, _: web.Request) -> Any:
         self._begin_drop()
-        return {}
+        return {"drop": self.dropped.key}
 
     async def _fetch(self, request: web.Request) -> Any:
         """Bring a series from the archive; it is taken as if it had been dropped."""
         folder = self._begin_drop()
         await self.shelves.fetch(request, folder)
-        return {}
+        return {"drop": folder.name}
 
     def _begin_drop(self) -> Path:
-        """Forget what was dropped before, and what was listed of it; return the folder for what comes."""
+        """Forget what was dropped before, and what was listed of it; return the folder for what comes.
+
+        Raises `UsageError` while another tab looks through what was dropped, or opens it.
+        """
+        self._require_idle()
         self.found = {}
         return self.dropped.begin()
 
     async def _keep(self, request: web.Request) -> Any:
+        self.dropped.require(request.query.get("drop", ""))
         await self.dropped.add(request.query.get("name", ""), request.content.iter_any())
         return {}
 
@@ -135,13 +142,16 @@ class StartPage:
 
     async def _work(self, what: str, work: Callable[[], Any]) -> Any:
         """Do beside the page what takes long, one thing at a time."""
-        if self._busy:
-            raise UsageError(f"the planner is {self._busy}; wait for that")
+        self._require_idle()
         self._busy = what
         try:
             return await asyncio.get_running_loop().run_in_executor(None, work)
         finally:
             self._busy = ""
+
+    def _require_idle(self) -> None:
+        if self._busy:
+            raise UsageError(f"the planner is {self._busy}; wait for that")
 
     def _free_name(self) -> str:
         return next(name for n in range(1, 10_000) if not (self.home / (name := f"case-{n}")).exists())

@@ -92,7 +92,7 @@ class Storage:
         """The documents of the case, there or not; the robot's placement only where it lies beside the plan."""
         placement = self.plan.with_name(PLACEMENT)
         return CaseFiles(
-            self.plan, self.fiducials, self.registration, self.limits, placement if placement.is_file() else None
+            self.plan, self.fiducials, self.registration, self.limits, placement if _is_file(placement) else None
         )
 
     @property
@@ -106,7 +106,7 @@ class Storage:
             LIMITS: known.limits,
             PLACEMENT: known.placement,
         }
-        return {name: path for name, path in named.items() if path is not None and path.is_file()}
+        return {name: path for name, path in named.items() if path is not None and _is_file(path)}
 
     @property
     def _own_names(self) -> set[str]:
@@ -144,8 +144,11 @@ class Storage:
         write_atomically(self.look, to_json(look))
 
     def readings(self) -> list[str]:
-        """Return the names of the files in the case's folder that begin as readings do."""
-        files = (path for path in self.plan.parent.iterdir() if path.is_file() and not path.is_symlink())
+        """Return the names of the files in the case's folder that begin as readings do; none while it is away."""
+        try:
+            files = [path for path in self.plan.parent.iterdir() if _is_file(path) and not path.is_symlink()]
+        except OSError:
+            return []
         return sorted(file.name for file in files if self.may_be_readings(file.name) and _begins_as_readings(file))
 
     def may_be_readings(self, name: str) -> bool:
@@ -161,6 +164,14 @@ class Storage:
         if name not in self.readings():
             raise UsageError(f"'{name}' is no readings file of this case; put it beside {self.plan.name}")
         return self.plan.parent / name
+
+
+def _is_file(path: Path) -> bool:
+    """Whether a file is there; in a folder that is closed none is known."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
 
 
 def _begins_as_readings(file: Path) -> bool:

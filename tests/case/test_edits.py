@@ -288,6 +288,27 @@ def test_limits_that_are_written_while_the_case_is_open_are_held_against_it(stat
     assert broken() == []
 
 
+def test_what_was_removed_still_counts_and_is_told_and_nothing_new_in_another_is_hidden(
+    state: PlannerState,
+) -> None:
+    """What is made of the files would be another case than the one that is shown."""
+    state.case.keep_registration(cases.registration())
+    state.case.look_again()
+    state.case.require_files()
+    state.storage.registration.unlink()
+    change_plan(state.storage.plan, lambda plan: plan.lock("left"))
+    for told in (state.case.look_again, state.case.require_files):
+        with pytest.raises(
+            InputError, match=r"registration\.json was removed, and what it held still counts here"
+        ):
+            told()
+    assert state.case.plan.trajectory("left").locked
+    assert state.case.registration is not None
+    assert not state.case.look_again()
+    state.case.keep_registration(cases.registration())
+    state.case.require_files()
+
+
 def test_a_damaged_document_does_not_hide_what_is_new_in_another(state: PlannerState) -> None:
     state.storage.fiducials.write_text("{")
     change_plan(state.storage.plan, lambda plan: plan.lock("left"))

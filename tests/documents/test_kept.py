@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from pathlib import Path
 
 import pytest
 
+from ronnaplan.documents import files
 from ronnaplan.documents.files import read_json, write_atomically
 from ronnaplan.documents.kept import Kept
 from ronnaplan.errors import InputError
@@ -83,9 +85,38 @@ def test_a_document_that_appears_is_noticed_and_not_written_over(tmp_path: Path)
 def test_a_document_that_was_removed_is_written_anew_and_what_it_held_is_not_forgotten(path: Path) -> None:
     one = kept(path)
     path.unlink()
-    assert not one.look_again()
+    for told in (one.look_again, one.require_there):
+        with pytest.raises(InputError, match="removed, and what it held still counts here"):
+            told()
+    assert not one.look_again()  # told once
     assert one.content == [1]
     assert one.write([1, 2]) == read_json(path) == [1, 2]
+    one.require_there()
+    path.unlink()
+    with pytest.raises(InputError, match="removed"):
+        one.look_again()
+    assert not kept(path).look_again()
+    kept(path).require_there()
+
+
+def test_a_document_that_may_not_be_looked_up_is_told_and_is_no_absent_one(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = kept(path)
+
+    def closed(*_: object, **__: object) -> os.stat_result:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "stat", closed)
+        patched.setattr(files, "read_whole", lambda *_, **__: (_ for _ in ()).throw(InputError("cannot be read")))
+        with pytest.raises(InputError, match="cannot be read"):
+            one.look_again()
+        assert not one.look_again()
+        with pytest.raises(InputError, match="cannot be read"):
+            kept(path)
+    assert not one.look_again()
+    assert one.content == [1]
 
 
 def test_a_document_that_was_damaged_is_told_once_and_not_written_over(path: Path) -> None:

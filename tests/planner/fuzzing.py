@@ -219,9 +219,18 @@ class StartBorder(ServerBorder):
         assert self.http(self.request(), True) == "read"
         assert self.http(self.request(path=b"/folders", query=b"&at=study"), True) == "read"
         assert self.http(self.request(b"POST", path=b"/drop"), True) == "read"
-        dropped = self.request(b"PUT", b"1", path=b"/dropped", query=b"&name=a/b.dcm")
+        dropped = self.request(b"PUT", b"1", path=b"/dropped", query=self._of_last_drop + b"&name=a/b.dcm")
         assert self.http(dropped, True) == "read"
         self._answer_s = ANSWER_S
+
+    @property
+    def _of_last_drop(self) -> bytes:
+        """What names the last drop in a query."""
+        return b"".join(b"&drop=" + one.name.encode() for one in (self.folder / "home").glob(".dropped-*"))
+
+    def hostile_route(self, chance: random.Random) -> tuple[bytes, bool]:
+        made, may_be_served = super().hostile_route(chance)
+        return made.replace(b"&name=", self._of_last_drop + b"&name="), may_be_served
 
     def hostile(self, chance: random.Random) -> tuple[str, Any]:
         return chance.choice(("http", "route", "route")), chance.getrandbits(64)

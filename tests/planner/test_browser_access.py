@@ -74,14 +74,17 @@ def test_what_is_pressed_is_seen_in_a_contrast_theme(page: Any) -> None:
     assert colours[0] != colours[1]
 
 
-def test_no_bar_of_another_length_than_the_picture_is_printed(page: Any) -> None:
+def test_no_bar_of_another_length_and_no_panel_is_printed_but_where_there_is_a_report(page: Any) -> None:
     """Paper has panes of another shape than the screen, for which the pictures were drawn."""
     bar = page.locator(".rp-axial .rp-scale-bar")
     shown = bar.is_visible()
     page.emulate_media(media="print")
     printed = bar.is_visible()
+    told = page.evaluate("getComputedStyle(document.querySelector('.rp-main'), '::before').content")
+    panels = page.locator(".rp-side").is_visible()
     page.emulate_media(media="screen")
     assert (shown, printed) == (True, False)
+    assert ("report.pdf" in told, panels) == (True, False)  # half a panel would be lost without a word
 
 
 def test_what_can_be_clicked_is_reached_by_the_keyboard(page: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import shutil
 import subprocess
 import sys
@@ -77,6 +78,47 @@ def test_no_series_of_another_tabs_folder_is_opened_in_the_place_of_one_that_is_
 
     run(asked())
     assert opened == [scans / "other"]
+
+
+def test_no_file_of_one_tabs_drop_gets_among_those_that_another_tab_drops_meanwhile(scans: Path) -> None:
+    """A tab is told so, and is shown no series of the other one's in the place of its own."""
+    one, another, *_ = (file.read_bytes() for file in sorted(cases.CT.glob("*.dcm")))
+    page = StartPage(scans.parent / "home", scans, lambda *_: None)  # type: ignore[arg-type]
+
+    async def asked() -> None:
+        async with TestClient(TestServer(served(page))) as client:
+            first = (await (await client.post("/drop")).json())["drop"]
+            assert (await client.put(f"/dropped?drop={first}&name=a/1.dcm", data=one)).status == HTTPStatus.OK
+            second = (await (await client.post("/drop")).json())["drop"]
+            assert (await client.put(f"/dropped?drop={second}&name=b/1.dcm", data=another)).status == HTTPStatus.OK
+            for late in (
+                client.put(f"/dropped?drop={first}&name=a/2.dcm", data=one),
+                client.get(f"/series?drop={first}"),
+            ):
+                assert "since; drop or fetch it again" in (await (await late).json())["error"]
+            assert [file.name for file in page.dropped.scan.rglob("*.dcm")] == ["1.dcm"]
+            listed = await (await client.get(f"/series?drop={second}")).json()
+            assert [row["images"] for row in listed["series"]] == [1]
+
+    run(asked())
+
+
+def test_what_one_tab_dropped_is_not_taken_away_while_it_is_looked_through(scans: Path) -> None:
+    page = StartPage(scans.parent / "home", scans, lambda *_: None)  # type: ignore[arg-type]
+
+    async def asked() -> None:
+        async with TestClient(TestServer(served(page))) as client:
+            drop = (await (await client.post("/drop")).json())["drop"]
+            for file in cases.CT.glob("*.dcm"):
+                await client.put(f"/dropped?drop={drop}&name={file.name}", data=file.read_bytes())
+            looking = asyncio.create_task(client.get(f"/series?drop={drop}"))
+            while not page._busy:
+                await asyncio.sleep(0)
+            other = await (await client.post("/drop")).json()
+            assert other == {"error": "the planner is looking for series; wait for that"}
+            assert len((await (await looking).json())["series"]) == 1
+
+    run(asked())
 
 
 def served(page: StartPage) -> web.Application:

@@ -95,13 +95,13 @@
     work("taking what was dropped ...", async () => {
       const found = await listed();
       if (!found.length) throw new Error("there was no file in it; drop a folder or a zip archive");
-      await ask("drop", { method: "POST" });
+      const { drop } = await ask("drop", { method: "POST" });
       for (const [n, { file, name }] of found.entries()) {
-        await ask(`dropped?${query({ name })}`, { method: "PUT", body: file });
+        await ask(`dropped?${query({ drop, name })}`, { method: "PUT", body: file });
         tell("busy", `taking what was dropped: ${n + 1} of ${found.length} ...`);
       }
       tell("busy", "looking for series ...");
-      await list({}, "Series in what was dropped");
+      await list({ drop }, "Series in what was dropped");
     });
   const zone = one("drop");
   for (const name of ["dragover", "drop", "dragleave"]) {
@@ -192,8 +192,8 @@
   });
   const fetched = (row) =>
     work(`fetching ${row.instances ?? "the"} images ...`, async () => {
-      await ask(`fetch?${query({ key: row.key })}`, { method: "POST" });
-      const series = await list({}, "Series that were fetched");
+      const { drop } = await ask(`fetch?${query({ key: row.key })}`, { method: "POST" });
+      const series = await list({ drop }, "Series that were fetched");
       const usable = series.filter((one) => !one.problems.length);
       if (usable.length === 1) await begin(usable[0].key);
     });

@@ -1,0 +1,48 @@
+"""The files of a case where they lie, also while that place is away."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from ronnaplan.documents.plan import read_plan
+from ronnaplan.errors import InputError
+from ronnaplan.planner.state import PlannerState
+from ronnaplan.planner.tab import Tab
+
+NOBODY = 65_534
+
+posix_only = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="folders are closed otherwise here")
+
+
+@pytest.mark.parametrize("how", ["renamed", pytest.param("closed", marks=posix_only)])
+def test_a_case_whose_folder_is_away_is_shown_on_and_goes_on_once_it_is_back(
+    state: PlannerState, how: str
+) -> None:
+    """As where somebody renames it, or a share is gone for a while."""
+    tab, folder = Tab(state), state.storage.plan.parent
+    tab.painter.refresh()
+    me, away = getattr(os, "geteuid", int)(), folder.with_name("away")
+    if how == "renamed":
+        folder.rename(away)
+    else:
+        folder.chmod(0)
+        if me == 0:
+            os.seteuid(NOBODY)
+    try:
+        tab.painter.refresh()
+        for refused in (
+            lambda: state.case.edit("left", notes="mine"),
+            state.case.look_again,
+            state.case.require_files,
+        ):
+            with pytest.raises(InputError, match=r"cannot write|cannot be read|was removed"):
+                refused()
+    finally:
+        if me == 0:
+            os.seteuid(me)
+        away.rename(folder) if how == "renamed" else folder.chmod(0o700)
+    assert not state.case.look_again()
+    state.case.edit("left", notes="mine")
+    assert read_plan(state.storage.plan).trajectory("left").notes == "mine"
