@@ -20,7 +20,7 @@ from ronnaplan.node.config import Config
 from ronnaplan.node.index import Index
 from ronnaplan.node.jobs import retry
 from ronnaplan.node.logs import Log
-from ronnaplan.node.tables import METRICS, metrics_text, status_page
+from ronnaplan.node.tables import METRICS, STILL, metrics_text, status_page
 from ronnaplan.text import whole_number
 
 HOST: Final = "127.0.0.1"
@@ -79,12 +79,12 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Show the page, or the figures."""
-        path = urlsplit(self.path).path
+        path, asked = urlsplit(self.path).path, parse_qs(urlsplit(self.path).query, keep_blank_values=True)
         if not self._is_let_in():
             return
         with Index(self.server.folder) as index:
             if path == "/":
-                self._answer(200, "text/html", status_page(index))
+                self._answer(200, "text/html", status_page(index, still=STILL in asked))
             elif path == "/metrics":
                 self._answer(200, METRICS, metrics_text(index, self.server.folder, self.server.log.counts))
             else:

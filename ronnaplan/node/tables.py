@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from html import escape
@@ -14,6 +15,9 @@ from ronnaplan.text import NOTICE
 
 METRICS: Final = "text/plain; version=0.0.4"
 MOST_SHOWN: Final = 200
+AGAIN_S: Final = 5
+STILL: Final = "still"
+"""In the page's address: it does not load itself again, by which focus and selection would be lost."""
 STYLE: Final = """
 body { font: 14px/1.45 system-ui, sans-serif; color: #1c2733; margin: 1.5rem }
 table { border-collapse: collapse; margin: .6rem 0; font-variant-numeric: tabular-nums }
@@ -41,8 +45,11 @@ FROM deliveries JOIN answers ON answer = sop_uid WHERE deliveries.state = 'waiti
 """
 
 
-def status_page(index: Index) -> str:
-    """Return the page: the newest series with their jobs, what waits to be delivered, what was kept aside."""
+def status_page(index: Index, *, still: bool = False) -> str:
+    """Return the page: the newest series with their jobs, what waits to be delivered, what was kept aside.
+
+    It loads itself again unless it is to stand ``still``, as for who reads it, or goes through it by keyboard.
+    """
     series = [_series_row(*row) for row in index.rows(SERIES, MOST_SHOWN)]
     waiting = [[escape(str(cell)) for cell in row] for row in index.rows(DELIVERIES, MOST_SHOWN)]
     aside = [
@@ -56,11 +63,13 @@ def status_page(index: Index) -> str:
         ("receiver", "answer", "state", "attempts", "why", "instance"),
         ("received", "from", "instance", "file"),
     )
+    again = "" if still else f'<meta http-equiv="refresh" content="{AGAIN_S}">'
+    other = '<a href="/">go on by itself</a>' if still else f'<a href="/?{STILL}">stand still</a>'
     return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta http-equiv="refresh" content="5">'
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8">{again}'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>ronnaplan node</title><style>{STYLE}</style></head><body><main><h1>ronnaplan node</h1>"
-        f'<p class="note">{NOTICE}</p>'
+        f'<p class="note">{NOTICE}</p><p>as of {_time(time.time())} &middot; {other}</p>'
         f"<h2>Series</h2>{_table(heads[0], series)}"
         f"<h2>Answers that wait</h2>{_table(heads[1], waiting)}"
         f"<h2>Kept aside: another content under a known UID</h2>{_table(heads[2], aside)}</main></body></html>\n"

@@ -69,6 +69,15 @@ def test_the_page_says_what_was_received_what_became_of_it_and_why(page: Page) -
     assert "Doe" not in content
 
 
+def test_the_page_stands_still_for_who_reads_it_or_goes_through_it_by_keyboard(page: Page) -> None:
+    """To load it again takes focus and selection away."""
+    moving, still = (ask(page, f"/?token={page.token}{more}")[1] for more in ("", "&still"))
+    assert ['http-equiv="refresh"' in one for one in (moving, still)] == [True, False]
+    assert ['href="/?still"' in one for one in (moving, still)] == [True, False]
+    assert ">go on by itself</a>" in still
+    assert "as of " in still
+
+
 def test_who_has_no_token_or_comes_by_another_name_gets_nothing(page: Page, tmp_path: Path) -> None:
     assert ask(page, "/")[0] == 403
     assert ask(page, "/?token=x", Cookie="ronnaplan_node=y; =")[0] == 403
