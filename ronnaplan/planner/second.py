@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -42,6 +43,14 @@ def is_rigid(pose: FloatArray) -> bool:
     turned = pose[:3, :3]
     unturned = np.allclose(turned @ turned.T, np.eye(3), atol=1e-6) and float(np.linalg.det(turned)) > 0
     return bool(unturned and np.array_equal(pose[3], [0.0, 0.0, 0.0, 1.0]))
+
+
+def known_by(image: CTVolume) -> str:
+    """Return a SHA-256 of an image's voxels and of where they lie: the same voxels under another header are another."""
+    digest, grid = hashlib.sha256(image.voxel_sha256.encode()), image.grid
+    for places in (grid.origins_mm, grid.row_step_mm, grid.column_step_mm):
+        digest.update(np.ascontiguousarray(places, dtype=np.float64).data)
+    return digest.hexdigest()
 
 
 class Second:

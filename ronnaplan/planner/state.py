@@ -20,7 +20,7 @@ from ronnaplan.planner.offers import Offers
 from ronnaplan.planner.outlines import Outlines
 from ronnaplan.planner.regions import first_shown, joined
 from ronnaplan.planner.registering import Registering
-from ronnaplan.planner.second import Second
+from ronnaplan.planner.second import Second, known_by
 from ronnaplan.planner.storage import PlacedImage, Storage
 from ronnaplan.planner.worker import Job, Start
 from ronnaplan.planning import Landmarks, Ruler, Trajectory
@@ -72,7 +72,7 @@ class PlannerState:
 
     def take_second(self, image: CTVolume, name: str) -> None:
         """Show another image of the same head over the cuts, once it is known where it lies."""
-        key = image.voxel_sha256
+        key = known_by(image)
         known = self.look.images.get(key)
 
         def keep(found: Alignment) -> None:

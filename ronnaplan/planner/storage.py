@@ -58,7 +58,7 @@ class Look(DocumentModel):
     points: dict[str, Vector] = Field(default_factory=dict)
     """AC, PC or midline point as far as they are set, until the plan holds all three."""
     images: dict[str, PlacedImage] = Field(default_factory=dict)
-    """Other images that were registered, by the SHA-256 of their voxels."""
+    """Other images that were registered, by the SHA-256 of their voxels and of where they lie."""
     regions: dict[str, ShownRegion] = Field(default_factory=dict)
     """Regions that were given a colour or an opacity, by name."""
 

@@ -65,6 +65,10 @@ def test_registration_finds_where_the_head_lies_and_says_how_sure(
     assert (again.other.quality, again.other.placed) == (second.quality, True)
     assert again.other._pose is not None
     assert again.other._pose == pytest.approx(second._pose)
+    grid = other_image(None).grid
+    moved = SliceGrid(grid.origins_mm + 30.0, grid.row_step_mm, grid.column_step_mm)
+    again.take_second(replace(other_image(None), grid=moved), "mr.nii")
+    assert not again.other.placed  # of the same voxels under another header it says nothing
     (key,) = state.look.images
     skewed = np.array(state.look.images[key].image_from_scan) * 1.01
     state.look.images[key] = PlacedImage.model_validate(
