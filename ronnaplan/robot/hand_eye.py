@@ -81,8 +81,8 @@ class HandEye:
         told = []
         if self.repeated:
             told.append(
-                f"{self.repeated} poses of the tracker are earlier ones to the last digit, and were left out: look "
-                "whether the tool was hidden then"
+                f"poses of the tracker that are an earlier one to the last digit were left out, {self.repeated} in "
+                "all: look whether the tool was hidden then"
             )
         if self.translation_rms_mm > SWAPPED * self.tcp_rms_mm:
             told.append(

@@ -76,8 +76,8 @@ class PivotCalibration:
         if not self.repeated.any():
             return ()
         return (
-            f"{self.repeated.sum()} of {len(self.repeated)} poses are earlier ones to the last digit, and were left "
-            "out: look whether the tool was hidden then",
+            f"poses that are an earlier one to the last digit were left out, {self.repeated.sum()} of "
+            f"{len(self.repeated)}: look whether the tool was hidden then",
         )
 
     @property

@@ -145,7 +145,10 @@ def test_a_pose_that_is_told_again_to_the_last_digit_tells_nothing_new(how: str)
     assert again.slipped.sum() == (how == "filled in")
     assert again.rms_mm == pytest.approx(once.rms_mm, rel=0.01)
     assert not once.doubts
-    assert f"of {len(again.kept)} poses are earlier ones to the last digit" in again.doubts[0]
+    assert (
+        f"an earlier one to the last digit were left out, {again.repeated.sum()} of {len(again.kept)}:"
+        in again.doubts[0]
+    )
 
 
 def test_poses_that_hardly_turn_are_refused() -> None:
