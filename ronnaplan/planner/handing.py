@@ -14,7 +14,6 @@ from typing import Final
 
 from aiohttp import web
 
-from ronnaplan.case.edits import OpenCase
 from ronnaplan.documents.files import write_atomically
 from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.planner.storage import Storage
@@ -45,9 +44,18 @@ class Origin:
 class Handing:
     """Answers downloads of a case's files, and takes readings into its folder."""
 
-    def __init__(self, storage: Storage, origin: Origin | None, shown: Callable[[], None], case: OpenCase) -> None:
-        """``shown`` draws the page again when the folder of the ``case`` holds new readings."""
-        self._storage, self._origin, self._shown, self._case = storage, origin, shown, case
+    def __init__(
+        self,
+        storage: Storage,
+        origin: Origin | None,
+        shown: Callable[[], None],
+        require_files: Callable[[], None],
+    ) -> None:
+        """``shown`` draws the page again when the case's folder holds new readings.
+
+        ``require_files`` raises `RonnaplanError` where the case's files are no longer what is worked on.
+        """
+        self._storage, self._origin, self._shown, self._require_files = storage, origin, shown, require_files
         self._making = asyncio.Lock()
 
     def routes(self) -> list[web.RouteDef]:
@@ -74,7 +82,7 @@ class Handing:
         """Have a file made of the case as it is now, by a process of its own; one at a time."""
         verb, *rest = MADE[name]
         try:
-            self._case.require_files()
+            self._require_files()
         except RonnaplanError as error:
             raise web.HTTPUnprocessableEntity(text=str(error)) from error
         async with self._making:

@@ -67,7 +67,7 @@ def serve(
     app = PlannerApp(state, server, tracker, patient, leavable=address is not None, workshop=workshop)
     # wslink offers no other place to set limits, or to answer each page for itself
     wslink.backends.aiohttp.AioHttpWsHandler = partial(Sockets, app)
-    handing = Handing(state.storage, origin, app.show_readings, state.case)
+    handing = Handing(state.storage, origin, app.show_readings, lambda: app.state.case.require_files())
 
     def tell(**_: Any) -> None:
         keep(kept, replace(known, port=server.port))

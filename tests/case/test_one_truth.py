@@ -195,8 +195,8 @@ def compare_with_report(case: RandomCase, said: dict[str, Any]) -> None:
             assert f"<td>at the {end}</td><td>{cells[0]}</td><td>{cells[1]}</td>" in page
     for verdict in said["verdicts"]:
         shown = re.findall(f"<td>{re.escape(verdict['measure'])}</td><td>([^<]*)</td><td>([^<]*)</td>", page)
-        digits = {len(value.partition(".")[2]) for value, _ in shown}
-        assert any((told(verdict["value"], n), told(verdict["limit"], n)) in shown for n in digits)
+        digits = {len(cell.partition(".")[2]) for cells in shown for cell in cells}
+        assert any((held(verdict, n), told(verdict["limit"], n)) in shown for n in digits)
     assert page.count("FAIL") == sum(not verdict["passes"] for verdict in said["verdicts"])
 
 
@@ -204,6 +204,14 @@ def held_by(page: str) -> Any:
     """What the report holds for programs."""
     (held,) = re.findall('<div id="measures" hidden>(.*?)</div>', page, re.DOTALL)
     return json.loads(html.unescape(held))
+
+
+def held(verdict: dict[str, Any], digits: int) -> str:
+    """What is held against the limit: no chance is told as certain."""
+    text = told(verdict["value"], digits)
+    if verdict["measure"].startswith("chance") and text != "-" and float(text) in (0.0, 1.0):
+        return "&gt; 0.999" if float(text) else "&lt; 0.001"
+    return text
 
 
 def told(value: float | None, digits: int) -> str:

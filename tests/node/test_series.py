@@ -92,7 +92,7 @@ def test_a_series_of_ten_thousand_instances_is_one_job(index: Index, tmp_path: P
             index.add(facts(number, expected=10_000), path, "CT1", "RONNAPLAN", 100.0)
     watch(index, tmp_path).tick(100.1)
     assert jobs(index) == [(10_000, "waiting")]
-    assert status_page(index).count("<tr>") == 2  # its head, and the series
+    assert status_page(index).count("<tr") == 2  # its head, and the series
     log = Log(io.StringIO())
     audit = Audit(tmp_path, "audit.log", "RONNAPLAN", log)
     remove_old(tmp_path, index, 200.0, log, audit)  # owes an answer

@@ -32,7 +32,7 @@ def test_nothing_is_made_without_a_document_that_still_counts(
 
     async def asked() -> None:
         application = web.Application()
-        application.add_routes(Handing(storage, Origin(cases.CT), lambda: None, state.case).routes())
+        application.add_routes(Handing(storage, Origin(cases.CT), lambda: None, state.case.require_files).routes())
         async with TestClient(TestServer(application)) as client:
             assert (await client.get("/download/report.html")).status == HTTPStatus.OK
             getattr(storage, name).unlink()
