@@ -195,8 +195,9 @@ def compare_with_report(case: RandomCase, said: dict[str, Any]) -> None:
             assert f"<td>at the {end}</td><td>{cells[0]}</td><td>{cells[1]}</td>" in page
     for verdict in said["verdicts"]:
         shown = re.findall(f"<td>{re.escape(verdict['measure'])}</td><td>([^<]*)</td><td>([^<]*)</td>", page)
-        digits = {len(cell.partition(".")[2]) for cells in shown for cell in cells}
-        assert any((held(verdict, n), told(verdict["limit"], n)) in shown for n in digits)
+        digits = {len(cell.partition(" ")[0].partition(".")[2]) for cells in shown for cell in cells}
+        limits = {n: f"{told(verdict['limit'], n)} {verdict['unit']}".rstrip() for n in digits}
+        assert any((held(verdict, n), limits[n]) in shown for n in digits)
     assert page.count("FAIL") == sum(not verdict["passes"] for verdict in said["verdicts"])
 
 
@@ -208,10 +209,10 @@ def held_by(page: str) -> Any:
 
 def held(verdict: dict[str, Any], digits: int) -> str:
     """What is held against the limit: no chance is told as certain."""
-    text = told(verdict["value"], digits)
-    if verdict["measure"].startswith("chance") and text != "-" and float(text) in (0.0, 1.0):
-        return "&gt; 0.999" if float(text) else "&lt; 0.001"
-    return text
+    texts = [told(verdict["value"], n) for n in (digits, 3)]
+    if verdict["measure"].startswith("chance") and texts[0] != "-" and float(texts[0]) in (0.0, 1.0):
+        return {"1.000": "&gt; 0.999", "0.000": "&lt; 0.001"}.get(texts[1], texts[1])
+    return texts[0]
 
 
 def told(value: float | None, digits: int) -> str:
