@@ -163,6 +163,19 @@ def require_sigma(sigma_mm: float, name: str) -> None:
         )
 
 
+def first_apart(points: FloatArray, least: FloatArray | float) -> list[int]:
+    """Return which of ``points`` (N, 3), in order, lie no nearer than ``least`` to an earlier one that is kept.
+
+    ``least`` may be of each point (N,); it is then that of the one that is kept.
+    """
+    leasts = np.broadcast_to(least, len(points))
+    kept: list[int] = []
+    for n, point in enumerate(points):
+        if np.all(np.linalg.norm(points[kept] - point, axis=1) >= leasts[kept]):
+            kept.append(n)
+    return kept
+
+
 def unit(vector: Sequence[float] | FloatArray) -> FloatArray:
     """Return ``vector`` (3,) scaled to length one; raises `InputError` for a zero vector."""
     array = np.asarray(vector, dtype=np.float64)

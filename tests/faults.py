@@ -1,4 +1,4 @@
-"""Faults on purpose: a process killed at any system call of a piece of work (Linux)."""
+"""Faults on purpose: a process killed at any system call of a piece of work (Linux), a folder that nobody may open."""
 
 from __future__ import annotations
 
@@ -8,6 +8,10 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # what is killed imports this, too
+    import pytest
 
 TRACEME, SYSCALL, SETOPTIONS, EXITKILL = 0, 24, 0x4200, 0x100000
 
@@ -58,3 +62,15 @@ def _ptrace(request: int, child: int, data: int = 0) -> None:
     call.argtypes = [ctypes.c_long, ctypes.c_long, ctypes.c_void_p, ctypes.c_void_p]
     if call(request, child, None, data) == -1:
         raise OSError(ctypes.get_errno(), "cannot trace a process")
+
+
+def shut(patch: pytest.MonkeyPatch, ending: str) -> None:
+    """Have no folder opened whose path ends so; root may open those that nobody else may."""
+    scan = os.scandir
+
+    def refusing(path: str) -> object:
+        if str(path).endswith(ending):
+            raise PermissionError(13, "Permission denied")
+        return scan(path)
+
+    patch.setattr(os, "scandir", refusing)

@@ -80,7 +80,7 @@ class OpenCase:
             self._steps.forget_markers()
         if others or case.rules.limits is not self.rules.limits:
             self.fiducials, self.registration, self.rules = case.fiducials, case.registration, case.rules
-            self.surroundings = self.surroundings.with_documents(self.fiducials, self.registration, self.rules)
+            self.surroundings = self.surroundings.with_documents(self.rules, self.fiducials, self.registration)
         if case.plan is not None and case.plan is not self.plan:
             self._steps.count_others(len(case.plan.history) - len(self.plan.history))
             self._show_plan(case.plan)
@@ -224,7 +224,7 @@ class OpenCase:
     def keep_registration(self, found: RegistrationDocument) -> None:
         """Keep a registration in the place of the one there was; this is no step that can be undone."""
         self.registration = self._kept.registration.write(revised(found, self._kept.registration.content))
-        self.surroundings = self.surroundings.with_documents(self.fiducials, self.registration)
+        self.surroundings = self.surroundings.with_documents(self.rules, self.fiducials, self.registration)
 
     @property
     def outdated(self) -> str | None:
@@ -288,7 +288,7 @@ class OpenCase:
                 # Unwritten, as where another hand changed it, it is of markers that are not there, and said so.
                 with suppress(InputError):
                     self.registration = kept.write(revised(renamed, kept.content))
-        self.surroundings = self.surroundings.with_documents(self.fiducials, self.registration)
+        self.surroundings = self.surroundings.with_documents(self.rules, self.fiducials, self.registration)
 
     def _read(self, volume: CTVolume, rules: Rules, no_go: Labels) -> Case:
         """Return the documents as they were last seen, checked to belong together."""

@@ -120,13 +120,10 @@ class Surroundings:
         return Surroundings, (self.terrain, self.rules, self.fiducials, self.registration)
 
     def with_documents(
-        self,
-        fiducials: FiducialsDocument | None,
-        registration: RegistrationDocument | None,
-        rules: Rules | None = None,
+        self, rules: Rules, fiducials: FiducialsDocument | None, registration: RegistrationDocument | None
     ) -> Surroundings:
-        """Return the same head with other markers, another registration or, where they are given, other rules."""
-        return Surroundings(self.terrain, rules or self.rules, fiducials, registration)
+        """Return the same head with other rules, other markers or another registration."""
+        return Surroundings(self.terrain, rules, fiducials, registration)
 
     @property
     def head(self) -> Head:

@@ -66,7 +66,7 @@ class Chance:
         moved = problem.ct @ matrix[:, :3].T + matrix[:, 3]
         reach = 1.5 * PAIR_SIGMAS * problem.sigma_mm
         near = cKDTree(moved).sparse_distance_matrix(cKDTree(problem.ots), reach, output_type="coo_matrix")
-        variance = problem.ct_errors.variances[near.row] + problem.ots_errors.variances[near.col]
+        variance = problem.pair_variances(near.row, near.col)
         likelihood = (2.0 * np.pi * variance) ** -1.5 * np.exp(-0.5 * near.data**2 / variance)
         is_pair = partner[near.row] == near.col
         i, j = near.row[is_pair], near.col[is_pair]

@@ -97,7 +97,7 @@ def weighed(problem: Problem, found: Found, of_pairs: FloatArray, least_probabil
         return Pairing("ambiguous", no_pairs(), probability, rivals, reason, telling_point(found.poses))
     certain = of_pairs >= least_probability
     given, doubtful = best.pairs[certain], best.pairs[~certain]
-    if len(given) < LEAST_PAIRS or is_collinear(problem.ct[given[:, 0]], problem.pair_variances(given)):
+    if len(given) < LEAST_PAIRS or is_collinear(problem.ct[given[:, 0]], problem.pair_variances(*given.T)):
         reason = "fewer than three pairs off one line are certain"
         return Pairing("ambiguous", no_pairs(), probability, rivals, reason, doubtful=best.pairs)
     if not problem.told.allows(len(given)):
@@ -162,7 +162,7 @@ def scale_of_errors(chance: Chance, pose: Pose) -> float:
         if len(pairs) < LEAST_PAIRS or right.sum() <= 2.0:
             break
         off = problem.ots[pairs[:, 1]] - problem.ct[pairs[:, 0]] @ matrix[:, :3].T - matrix[:, 3]
-        chi2 = (off**2).sum(axis=1) / problem.pair_variances(pairs)
+        chi2 = (off**2).sum(axis=1) / problem.pair_variances(*pairs.T)
         order = np.argsort(chi2)
         half = int(np.searchsorted(np.cumsum(right[order]), 0.5 * right.sum()))
         middle = chi2[order[half]] / CHI2_MEDIAN * right.sum() / max(right.sum() - 2.0, 1.0)

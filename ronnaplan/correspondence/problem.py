@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ronnaplan.correspondence.inputs import MIRROR, ErrorModel
 from ronnaplan.correspondence.pairing import IntArray
@@ -47,9 +48,10 @@ class Problem:
         """The typical error per axis of a pair's difference."""
         return math.sqrt(float(self.ct_errors.variances.mean() + self.ots_errors.variances.mean()))
 
-    def pair_variances(self, pairs: IntArray) -> FloatArray:
-        """Return the variance (L,) per axis of the difference of each of ``pairs`` (L, 2)."""
-        return self.ct_errors.variances[pairs[:, 0]] + self.ots_errors.variances[pairs[:, 1]]
+    def pair_variances(self, i: NDArray[np.integer], j: NDArray[np.integer]) -> FloatArray:
+        """Return the variance (L,) per axis of the difference of each pair of the points ``i`` and ``j`` (L,)."""
+        variances: FloatArray = self.ct_errors.variances[i] + self.ots_errors.variances[j]
+        return variances
 
     @property
     def is_anisotropic(self) -> bool:
@@ -114,7 +116,6 @@ def moved_pairs(problem: Problem, partner: IntArray) -> IntArray:
     pose = fit_closed_form(problem.ct[pairs[:, 0]], problem.ots[pairs[:, 1]])
     gap = np.linalg.norm(transform_points(pose, problem.ct[i])[:, None] - problem.ots[j][None], axis=2)
     nearest = gap.argmin(axis=1)
-    variance = problem.ct_errors.variances[i] + problem.ots_errors.variances[j[nearest]]
-    beyond = gap.min(axis=1) > FITS_SIGMAS * np.sqrt(variance)
+    beyond = gap.min(axis=1) > FITS_SIGMAS * np.sqrt(problem.pair_variances(i, j[nearest]))
     mutual = (gap.argmin(axis=0)[nearest] == np.arange(len(i))) & (gap.min(axis=1) < min(MOVED_MM, chance_mm))
     return np.column_stack((i[mutual & beyond], j[nearest[mutual & beyond]]))

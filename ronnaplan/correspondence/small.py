@@ -133,7 +133,7 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
             "have one more marker read, or point at one"
         )
         return Pairing("ambiguous", no_pairs(), probability, rivals, reason, best_touch(weighed, posterior))
-    if is_collinear(problem.ct[pairs[:, 0]], problem.pair_variances(pairs)):
+    if is_collinear(problem.ct[pairs[:, 0]], problem.pair_variances(*pairs.T)):
         reason = (
             "the paired points lie on one line, so the rotation about it is unknown; add a marker off the line"
         )

@@ -44,7 +44,7 @@ def pose_evidence(problem: Problem, partner: IntArray, taken: int = 0) -> tuple[
     """
     i = np.flatnonzero(partner >= 0)
     size, j = len(i), partner[i]
-    variance = problem.ct_errors.variances[i] + problem.ots_errors.variances[j]
+    variance = problem.pair_variances(i, j)
     index, weight = np.arange(size), np.tile(1.0 / variance, (size, 1))
     chi2, volume = fit(problem.ct[i], problem.ots[j], weight, index, index, size, math.inf)
     counts = (len(problem.ct) - taken, len(problem.ots) - taken)

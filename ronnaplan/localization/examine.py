@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.ct.progress import Progress, advancing
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import FloatArray, first_apart
 from ronnaplan.localization.build import SOLID, Build, is_off_size
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.descent import MAX_WANDER
@@ -138,7 +138,8 @@ def places_for(scan: Scan, diameter_mm: float, build: Build = SOLID) -> list[Flo
     """Return the places (3,) of ``scan`` at which a ball of ``diameter_mm`` is worth a fit, strongest first."""
     seen = detect(scan.volume, diameter_mm).centers_mm
     shares = surface_shares(scan.volume, seen, diameter_mm, build, scan.thickness_mm(seen), MIN_COVERAGE)
-    return _apart(seen[shares >= MIN_COVERAGE], SAME_PLACE * diameter_mm)
+    seen = seen[shares >= MIN_COVERAGE]
+    return list(seen[first_apart(seen, SAME_PLACE * diameter_mm)])
 
 
 def distinct(accepted: Iterable[Examined]) -> list[Examined]:
@@ -249,12 +250,3 @@ def examine_place(
         shape_of(evidence.edge, diameter_mm / 2.0) if tells_blur and is_center_told else UNKNOWN,
         failed,
     )
-
-
-def _apart(places_mm: FloatArray, least_mm: float) -> list[FloatArray]:
-    """The places (N, 3), strongest first, without those that lie close to a stronger one."""
-    kept: list[int] = []
-    for n, place in enumerate(places_mm):
-        if np.all(np.linalg.norm(places_mm[kept] - place, axis=1) >= least_mm):
-            kept.append(n)
-    return list(places_mm[kept])

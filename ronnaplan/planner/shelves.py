@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ronnaplan.errors import RonnaplanError, UsageError
 
 Result = TypeVar("Result")
+Thing = TypeVar("Thing")
 
 
 class Shelf(Protocol):
@@ -41,6 +42,17 @@ class Shelf(Protocol):
         ...
 
 
+def keyed(
+    things: Iterable[Thing], rows: Iterable[dict[str, Any]]
+) -> tuple[dict[str, Thing], list[dict[str, Any]]]:
+    """Return ``things`` by keys, and their rows with these.
+
+    Keys are of their own each time, so that what another tab looked for since is not taken in a thing's place.
+    """
+    by_key = {secrets.token_hex(8): thing for thing in things}
+    return by_key, [{"key": key, **row} for key, row in zip(by_key, rows, strict=True)]
+
+
 class Shelves:
     """Asks a shelf, if there is one, for one thing at a time; pictures wait for nobody's fetching or looking."""
 
@@ -57,12 +69,8 @@ class Shelves:
             return {"name": self._shelf.name}
         shelf = self._shelf
         found = await self._next(lambda: shelf.look(patient, date))
-        # a key of its own each time: what another tab looked for since is not fetched in its place
-        self._numbers = {secrets.token_hex(8): number for number in range(len(found))}
-        return {
-            "name": shelf.name,
-            "series": [{"key": key, **row} for key, row in zip(self._numbers, found, strict=True)],
-        }
+        self._numbers, series = keyed(range(len(found)), found)
+        return {"name": shelf.name, "series": series}
 
     async def picture(self, request: web.Request) -> NDArray[np.uint8] | None:
         """Return a picture of a series; None where there is none, or something else was asked for meanwhile."""

@@ -6,7 +6,6 @@ import asyncio
 import json
 import logging
 import re
-import secrets
 from collections.abc import Awaitable, Callable
 from importlib.resources import files
 from pathlib import Path
@@ -22,7 +21,7 @@ from ronnaplan.planner.address import Address, needed_place
 from ronnaplan.planner.dropped import Dropped
 from ronnaplan.planner.gate import gate, is_worth_telling
 from ronnaplan.planner.places import Found, Places, case_of, rows, series_at
-from ronnaplan.planner.shelves import Shelf, Shelves
+from ronnaplan.planner.shelves import Shelf, Shelves, keyed
 from ronnaplan.planner.state import PlannerState
 
 PAGE = files("ronnaplan.planner") / "page"
@@ -77,11 +76,11 @@ class StartPage:
             self.dropped.require(request.query.get("drop", ""))
         path = self.dropped.scan if at is None else self.places.at(at)
         found = await self._work("looking for series", lambda: series_at(path))
-        # a key of its own each time: what another tab looked for since is not opened in its place
-        self.found, self._from_drop = {secrets.token_hex(8): one for one in found}, at is None
+        self.found, series = keyed(found, rows(found))
+        self._from_drop = at is None
         case = None if self._from_drop else case_of(path)
         return {
-            "series": [{"key": key, **row} for key, row in zip(self.found, rows(found), strict=True)],
+            "series": series,
             "name": self._free_name() if case is None else "",
             "known": case is not None and (case / PLAN).is_file(),
         }

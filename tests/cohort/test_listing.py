@@ -27,6 +27,7 @@ from ronnaplan.ct.files import Skipped
 from ronnaplan.ct.reader import read_series
 from ronnaplan.errors import InputError
 from tests.cohort.scans import SLICES, tiny
+from tests.faults import shut
 
 DICOMDIR = Path(pydicom.data.__file__).parent / "test_files" / "dicomdirtests" / "DICOMDIR"
 
@@ -122,14 +123,7 @@ def test_a_folder_that_cannot_be_opened_loses_nothing(
     tiny(tmp_path / "in" / "a", "1")
     root = f"{protocol}{tmp_path / 'in'}"
     bring_up_to_date(index, [root])
-    scan = os.scandir
-
-    def failing(path: str) -> object:
-        if str(path).endswith("a"):
-            raise PermissionError(13, "Permission denied")
-        return scan(path)
-
-    monkeypatch.setattr(os, "scandir", failing)
+    shut(monkeypatch, "a")
     listed = bring_up_to_date(index, [root])
     assert "cannot be opened" in listed.skipped[0]
     assert found(index)["1"][1] == SLICES
@@ -144,16 +138,9 @@ def test_a_folder_that_cannot_be_opened_is_kept_in_mind_until_it_can(
     tiny(tmp_path / "in" / "a", "1")
     (tmp_path / "in" / "a" / "more").mkdir()
     tiny(tmp_path / "in" / "b", "2")
-    scan = os.scandir
-
-    def failing(path: str) -> object:
-        if str(path).endswith("more"):
-            raise PermissionError(13, "Permission denied")
-        return scan(path)
-
     kept = "SELECT folder, name, reason FROM files WHERE trouble"
     with monkeypatch.context() as patched:
-        patched.setattr(os, "scandir", failing)
+        shut(patched, "more")
         for _ in range(2):
             assert bring_up_to_date(index, [str(tmp_path / "in")]).files == 2 * SLICES
             assert index.rows(kept) == [("a", "more", "the folder cannot be opened (Permission denied)")]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 import re
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from ronnaplan.cohort.index import Index
 from ronnaplan.cohort.listing import bring_up_to_date
 from ronnaplan.cohort.page import write_page
 from ronnaplan.cohort.summary import WORST, summarize
+from tests.faults import shut
 
 
 def rows(out: Path) -> list[dict[str, Any]]:
@@ -151,16 +151,9 @@ def test_the_page_tells_of_folders_that_could_not_be_opened_and_of_a_root_that_i
     (root / "heads" / "shut").mkdir(parents=True)
     (root / "note.txt").write_text("no scan")
     out.mkdir()
-    scan = os.scandir
-
-    def failing(path: str) -> object:
-        if str(path).endswith("shut"):
-            raise PermissionError(13, "Permission denied")
-        return scan(path)
-
     with Index(out) as index:
         with monkeypatch.context() as patched:
-            patched.setattr(os, "scandir", failing)
+            shut(patched, "shut")
             bring_up_to_date(index, [str(root)])
         write_page(index, out)
         text = (out / "index.html").read_text()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import zipfile
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from pydicom.dataset import Dataset
 from ronnaplan.ct import find_series, read_ct
 from ronnaplan.ct.system_folders import WHY_LEFT_OUT, WHY_LEFT_PACKED
 from tests.ct.makers import write_series
+from tests.faults import shut
 
 NAMES = (
     *(".Trashes", "$RECYCLE.BIN", ".Trash-1000", "#recycle", "@Recycle"),
@@ -42,14 +42,7 @@ def test_a_folder_of_the_system_that_nobody_may_open_is_no_reason_to_doubt_a_sca
 ) -> None:
     write_series(tmp_path)
     (tmp_path / "lost+found").mkdir()
-    scan = os.scandir
-
-    def refusing(path: str) -> object:
-        if str(path).endswith("lost+found"):
-            raise PermissionError(13, "Permission denied")
-        return scan(path)
-
-    monkeypatch.setattr(os, "scandir", refusing)
+    shut(monkeypatch, "lost+found")
     assert read_ct(tmp_path).flags == ()
 
 

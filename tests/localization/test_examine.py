@@ -8,7 +8,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from ronnaplan.localization.examine import Examined, _apart, distinct
+from ronnaplan.geometry import first_apart
+from ronnaplan.localization.examine import Examined, distinct
 
 PELLETS_MM = 5.0 * np.stack(np.meshgrid(*[np.arange(14.0)] * 3), axis=-1).reshape(-1, 3)
 
@@ -29,6 +30,7 @@ def test_thousands_of_balls_are_told_apart_at_once() -> None:
 
 def test_thousands_of_places_are_looked_through_at_once() -> None:
     began = time.process_time()
-    kept = _apart(np.concatenate([PELLETS_MM, PELLETS_MM + 1.0]), 2.0)
+    places = np.concatenate([PELLETS_MM, PELLETS_MM + 1.0])
+    kept = places[first_apart(places, 2.0)]
     assert time.process_time() - began < 2.0
     np.testing.assert_array_equal(kept, PELLETS_MM)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ronnaplan.ct.progress import advancing
 from ronnaplan.ct.volume import CTVolume
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import FloatArray, first_apart
 from ronnaplan.localization.build import Build
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.search.coarse import blocks, coarse_voxel_mm, coarsen
@@ -60,13 +60,8 @@ def round_places(scan: Scan, coarse: CTVolume, marker: Build, progress: bool) ->
         return []
     looked_at = np.array([place for place, _ in found]), np.array([size for _, size in found])
     centers_mm, diameters_mm, shares = spheres_at(volume, *looked_at, marker)
-    kept: list[int] = []
-    for n in np.argsort(-shares, kind="stable"):
-        if shares[n] == 0.0:
-            break
-        apart_mm = np.linalg.norm(centers_mm[kept] - centers_mm[n], axis=1)
-        if np.all(apart_mm >= diameters_mm[kept] / 2.0):
-            kept.append(int(n))
+    roundest = np.argsort(-shares, kind="stable")[: np.count_nonzero(shares)]
+    kept = roundest[first_apart(centers_mm[roundest], diameters_mm[roundest] / 2.0)]
     return [(centers_mm[n], float(diameters_mm[n])) for n in kept]
 
 
