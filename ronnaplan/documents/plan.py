@@ -25,8 +25,10 @@ from ronnaplan.documents.files import change_document, write_atomically
 from ronnaplan.documents.reading import made, read_document, to_json
 from ronnaplan.errors import InputError, RonnaplanError
 from ronnaplan.geometry import FloatArray, Frame
+from ronnaplan.planning.changes import Change, Item
 from ronnaplan.planning.electrodes import electrode_named
-from ronnaplan.planning.plan import Change, Item, Landmarks, Plan
+from ronnaplan.planning.landmarks import Landmarks
+from ronnaplan.planning.plan import Plan
 from ronnaplan.planning.rulers import Ruler
 from ronnaplan.planning.trajectory import Instrument, Trajectory
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ronnaplan.geometry import FloatArray, unit
-from ronnaplan.planning.plan import Landmarks
+from ronnaplan.planning.landmarks import Landmarks
 
 RAS_IN_LPS = np.diag([-1.0, -1.0, 1.0])
 """Rows right, anterior, superior in LPS: the axes of a frame that sits square to the scanner."""

@@ -13,8 +13,8 @@ from ronnaplan.planning.angles import RAS_IN_LPS, AcPcAngles, ArcAngles, acpc_an
 from ronnaplan.planning.contacts import ContactMeasures, measure_contacts
 from ronnaplan.planning.crossings import Crossings, find_crossings
 from ronnaplan.planning.head import SKIN_HU, Head
+from ronnaplan.planning.landmarks import Landmarks
 from ronnaplan.planning.obstacles import Clearance, Obstacle
-from ronnaplan.planning.plan import Landmarks
 from ronnaplan.planning.segments import segment_distances
 from ronnaplan.planning.sides import side_doubt
 from ronnaplan.planning.surface import Surface

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from ronnaplan.errors import InputError
-from ronnaplan.planning.plan import Change, Item, Landmarks, Plan, same, values_of
+from ronnaplan.planning.changes import Change, Item, same, values_of
+from ronnaplan.planning.landmarks import Landmarks
+from ronnaplan.planning.plan import Plan
 from ronnaplan.planning.rulers import Ruler
 from ronnaplan.planning.trajectory import Trajectory
 

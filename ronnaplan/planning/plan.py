@@ -3,66 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ronnaplan.ct.volume import CTVolume, SeriesSource
 from ronnaplan.display import Shown, coordinates, head_in_3d
 from ronnaplan.errors import FrameMismatchError, InputError, check_type
-from ronnaplan.geometry import FloatArray, Frame, Points, as_point
+from ronnaplan.geometry import Frame, Points
+from ronnaplan.planning.changes import Change, Item, exchanged, same
+from ronnaplan.planning.landmarks import Landmarks
 from ronnaplan.planning.rulers import Ruler
 from ronnaplan.planning.trajectory import Trajectory, next_colour
 from ronnaplan.text import as_read, listed
 
 if TYPE_CHECKING:
     from ronnaplan.figures import Picture
-
-
-One = TypeVar("One")
-
-
-@dataclass(frozen=True, eq=False)
-class Landmarks:
-    """The commissures and any third point of the midsagittal plane (3,), LPS mm."""
-
-    ac_mm: FloatArray
-    pc_mm: FloatArray
-    midline_mm: FloatArray
-
-    def __post_init__(self) -> None:
-        named = {"AC": self.ac_mm, "PC": self.pc_mm, "the midline point": self.midline_mm}
-        points = np.stack([as_point(value, name) for name, value in named.items()])
-        area = np.linalg.norm(np.cross(points[0] - points[1], points[2] - points[1]))
-        if area < 1.0 * np.linalg.norm(points[0] - points[1]) or np.linalg.norm(points[0] - points[1]) < 1.0:
-            raise InputError(
-                "AC, PC and the midline point lie on one line; choose a midline point well off the AC-PC line"
-            )
-        points.setflags(write=False)
-        for name, point in zip(("ac_mm", "pc_mm", "midline_mm"), points, strict=True):
-            object.__setattr__(self, name, point)
-
-
-Item = Trajectory | Landmarks | Ruler
-"""What a plan holds, each with a history of its own."""
-
-
-@dataclass(frozen=True, eq=False)
-class Change:
-    """One step of a history: the trajectory, landmarks or ruler at ``index`` before and after it (None: absent)."""
-
-    time: datetime
-    action: str
-    index: int
-    before: Item | None
-    after: Item | None
-
-    @property
-    def reverse(self) -> Change:
-        """The change that takes this one back."""
-        return replace(self, before=self.after, after=self.before)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -278,30 +236,8 @@ class Plan(Shown[Trajectory]):
             assert change.after is None or isinstance(change.after, Landmarks)
             return replace(self, landmarks=change.after, revision=revision)
         if isinstance(item, Ruler):
-            return replace(self, rulers=_exchanged(self.rulers, change, Ruler), revision=revision)
-        return replace(self, trajectories=_exchanged(self.trajectories, change, Trajectory), revision=revision)
-
-
-def same(one: Item, other: Item) -> bool:
-    """Tell whether two items of one kind have the same values."""
-    values = values_of(one)
-    return all(np.array_equal(values[name], value) for name, value in values_of(other).items())
-
-
-def values_of(item: Item) -> dict[str, Any]:
-    """Return the values of an item by the names of its fields."""
-    return {field.name: getattr(item, field.name) for field in fields(item)}
-
-
-def _exchanged(items: Sequence[One], change: Change, kind: type[One]) -> tuple[One, ...]:
-    """Return ``items`` with the one at the change's index as it is after it."""
-    kept = list(items)
-    if change.before is not None:
-        del kept[change.index]
-    if change.after is not None:
-        assert isinstance(change.after, kind)
-        kept.insert(change.index, change.after)
-    return tuple(kept)
+            return replace(self, rulers=exchanged(self.rulers, change, Ruler), revision=revision)
+        return replace(self, trajectories=exchanged(self.trajectories, change, Trajectory), revision=revision)
 
 
 def _coloured(trajectory: Trajectory, index: int) -> Trajectory:

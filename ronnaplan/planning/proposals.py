@@ -13,11 +13,11 @@ from ronnaplan.geometry import FloatArray, as_point
 from ronnaplan.planning.angles import RAS_IN_LPS
 from ronnaplan.planning.candidates import Candidates, Field, cast, spread_directions
 from ronnaplan.planning.head import SKIN_HU, Head
+from ronnaplan.planning.landmarks import Landmarks
 from ronnaplan.planning.layers import Way
 from ronnaplan.planning.limits import Limits, Verdict, all_pass, judge
 from ronnaplan.planning.measures import Measures, measure
 from ronnaplan.planning.obstacles import POST_RADIUS_MM, Kind, Obstacle, PostedMarker, Voxels
-from ronnaplan.planning.plan import Landmarks
 from ronnaplan.planning.segments import point_distances, segment_distances
 from ronnaplan.planning.trajectory import INSTRUMENTS, Instrument, Trajectory
 from ronnaplan.planning.uncertainty import Expectation

@@ -8,7 +8,7 @@ import numpy as np
 
 from ronnaplan.planning.angles import RAS_IN_LPS, acpc_axes
 from ronnaplan.planning.head import Head
-from ronnaplan.planning.plan import Landmarks
+from ronnaplan.planning.landmarks import Landmarks
 from ronnaplan.planning.trajectory import Trajectory
 
 NAMED = re.compile(r"(?<![a-z])(left|right)(?![a-z])", re.IGNORECASE)

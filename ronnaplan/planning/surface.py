@@ -29,6 +29,7 @@ from ronnaplan.planning.patch import (
     polynomials,
     slopes,
 )
+from ronnaplan.planning.voxels import gap_mm, voxels_near
 
 PATCH_RADIUS_MM = 12.0
 """The patch reaches this far to all sides for its slope and curvature; bone is smooth over two centimetres."""
@@ -153,9 +154,9 @@ def fit_crossing(
 def _fit(
     volume: CTVolume, place: FloatArray, outward: FloatArray, depth: float, limits_hu: tuple[float, float]
 ) -> _Patch | None:
-    gap = _gap(volume, place)
+    gap = gap_mm(volume, place)
     reach = float(np.hypot(max(PATCH_RADIUS_MM, 1.2 * gap), depth))
-    offsets, values = _voxels_near(volume, place, reach)
+    offsets, values = voxels_near(volume, place, reach)
     values = np.clip(values, *limits_hu)
     if len(values) < LEAST_VOXELS:
         return None
@@ -165,25 +166,15 @@ def _fit(
     across = abs(float(axes[2] @ volume.grid.normal))
     needed = max(depth, 0.8 * gap * across)
     box = (volume.grid.thickness_mm or gap) * across
-    parameters, covariance = np.zeros(PARAMETERS), np.empty((PARAMETERS, PARAMETERS))
-    before = np.zeros(len(local), dtype=np.bool_)
-    for _ in range(ROUNDS):
-        chosen = np.abs(local[:, 2] - heights(terms, parameters)) <= needed
-        if chosen.sum() < LEAST_VOXELS:
-            return None
-        if (chosen == before).all():
-            break
-        before = chosen
-        fitted = _solve(terms[:, chosen], local[chosen, 2], values[chosen], parameters, box)
-        if fitted is None:
-            return None
-        parameters, covariance = fitted
-    local_only = np.hypot(local[:, 0], local[:, 1]) <= max(NEAR_RADIUS_MM, 0.75 * gap)
-    chosen = local_only & (np.abs(local[:, 2] - heights(terms, parameters)) <= needed)
+    whole = _whole(terms, local[:, 2], values, needed, box)
+    if whole is None:
+        return None
+    near = np.hypot(local[:, 0], local[:, 1]) <= max(NEAR_RADIUS_MM, 0.75 * gap)
+    chosen = near & (np.abs(local[:, 2] - heights(terms, whole[0])) <= needed)
+    fitted = None
     if chosen.sum() >= LEAST_VOXELS:
-        fitted = _solve(terms[:, chosen], local[chosen, 2], values[chosen], parameters, box, shape=parameters)
-        if fitted is not None:
-            parameters, covariance = fitted
+        fitted = _solve(terms[:, chosen], local[chosen, 2], values[chosen], whole[0], box, shape=whole[0])
+    parameters, covariance = fitted or whole
     # Between slices that leave a gap nothing was measured: a surface may lie anywhere in it.
     in_plane = BLUR_PRIOR_MM * float(np.sqrt(max(1.0 - across**2, 0.0)))
     unseen = max(gap * across - box - 2.0 * in_plane, 0.0)
@@ -191,37 +182,24 @@ def _fit(
     return _Patch(place, axes, parameters, covariance)
 
 
-def _gap(volume: CTVolume, place: FloatArray) -> float:
-    """Distance between the slices about ``place``."""
-    positions = volume.grid.slice_positions_mm
-    k = int(np.clip(np.searchsorted(positions, place @ volume.grid.normal), 1, len(positions) - 1))
-    return float(positions[k] - positions[k - 1])
-
-
-def _voxels_near(volume: CTVolume, center_mm: FloatArray, reach_mm: float) -> tuple[FloatArray, FloatArray]:
-    """Return offsets (N, 3) in LPS and values (N,) of the measured voxels within ``reach_mm`` of a place (3,).
-
-    What `localization.fit.neighbourhood.gather` returns, without compiled code: the planner loads no compiler.
-    """
-    grid = volume.grid
-    axes, places = grid.axes, grid.slice_positions_mm - center_mm @ grid.normal
-    first, last = np.searchsorted(places, [-reach_mm, reach_mm])
-    if first == last:
-        return np.empty((0, 3)), np.empty(0)
-    origins = grid.origins_mm[first:last] @ axes[:2].T - axes[:2] @ center_mm
-    steps = np.array([grid.column_spacing_mm, grid.row_spacing_mm])
-    most = np.array(volume.voxels_hu.shape[:0:-1])
-    low = np.clip(np.floor((-origins.max(axis=0) - reach_mm) / steps), 0, most).astype(int)
-    high = np.clip(np.ceil((-origins.min(axis=0) + reach_mm) / steps) + 1, 0, most).astype(int)
-    u = (origins[:, 0, None] + np.arange(low[0], high[0]) * steps[0])[:, None, :]
-    v = (origins[:, 1, None] + np.arange(low[1], high[1]) * steps[1])[:, :, None]
-    w = places[first:last, None, None]
-    values = volume.voxels_hu[first:last, low[1] : high[1], low[0] : high[0]]
-    near = u * u + v * v + w * w <= reach_mm**2
-    if volume.padding_hu is not None:
-        near &= values != volume.padding_hu
-    offsets = np.stack([np.broadcast_to(one, near.shape)[near] for one in (u, v, w)], axis=-1)
-    return offsets @ axes, values[near].astype(np.float64)
+def _whole(
+    terms: FloatArray, c: FloatArray, values: FloatArray, needed: float, box: float
+) -> tuple[FloatArray, FloatArray] | None:
+    """Fit the whole patch to the voxels within ``needed`` of it, which are chosen anew about each fit."""
+    fitted = np.zeros(PARAMETERS), np.empty((PARAMETERS, PARAMETERS))
+    before = np.zeros(len(c), dtype=np.bool_)
+    for _ in range(ROUNDS):
+        chosen = np.abs(c - heights(terms, fitted[0])) <= needed
+        if chosen.sum() < LEAST_VOXELS:
+            return None
+        if (chosen == before).all():
+            break
+        before = chosen
+        found = _solve(terms[:, chosen], c[chosen], values[chosen], fitted[0], box)
+        if found is None:
+            return None
+        fitted = found
+    return fitted
 
 
 def _steepest(offsets: FloatArray, values: FloatArray, outward: FloatArray) -> FloatArray:

@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ronnaplan.localization.fit.neighbourhood import gather
 from ronnaplan.minimize import minimize
 from ronnaplan.planning import patch, surface
 from ronnaplan.planning.crossings import find_crossings
-from tests import cases
 from tests.planning.heads import paths, scanned
 
 
@@ -74,19 +72,6 @@ def test_a_fit_ends_when_nothing_is_gained(monkeypatch: pytest.MonkeyPatch) -> N
             find_crossings(scanned(stack), target, outward)
     assert len(counts) > 100
     assert sum(count > surface.MOST_STEPS / 2 for count in counts) <= 0.02 * len(counts)
-
-
-def test_voxels_about_a_place_are_those_that_the_compiled_way_gathers() -> None:
-    volume = cases.volume()
-    for place, reach in (
-        (cases.ENTRY_MM, 9.0),
-        (np.array([-95.0, 0.0, -20.0]), 20.0),
-        (np.array([0.0, 0.0, 900.0]), 5.0),
-    ):
-        compiled = gather(volume, place, reach, volume.grid.axes)
-        offsets, values = surface._voxels_near(volume, place, reach)
-        np.testing.assert_array_equal(values, compiled.values_hu)
-        np.testing.assert_allclose(offsets, compiled.offsets_mm @ compiled.axes, atol=1e-9)
 
 
 def test_where_too_little_tells_how_a_surface_bends_it_is_met_without_a_fit(

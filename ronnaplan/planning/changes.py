@@ -1,0 +1,57 @@
+"""What a plan holds, and one step of its history."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from datetime import datetime
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ronnaplan.planning.landmarks import Landmarks
+from ronnaplan.planning.rulers import Ruler
+from ronnaplan.planning.trajectory import Trajectory
+
+One = TypeVar("One")
+
+Item = Trajectory | Landmarks | Ruler
+"""What a plan holds, each with a history of its own."""
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """One step of a history: the trajectory, landmarks or ruler at ``index`` before and after it (None: absent)."""
+
+    time: datetime
+    action: str
+    index: int
+    before: Item | None
+    after: Item | None
+
+    @property
+    def reverse(self) -> Change:
+        """The change that takes this one back."""
+        return replace(self, before=self.after, after=self.before)
+
+
+def same(one: Item, other: Item) -> bool:
+    """Tell whether two items of one kind have the same values."""
+    values = values_of(one)
+    return all(np.array_equal(values[name], value) for name, value in values_of(other).items())
+
+
+def values_of(item: Item) -> dict[str, Any]:
+    """Return the values of an item by the names of its fields."""
+    return {field.name: getattr(item, field.name) for field in fields(item)}
+
+
+def exchanged(items: Sequence[One], change: Change, kind: type[One]) -> tuple[One, ...]:
+    """Return ``items`` with the one at the change's index as it is after it."""
+    kept = list(items)
+    if change.before is not None:
+        del kept[change.index]
+    if change.after is not None:
+        assert isinstance(change.after, kind)
+        kept.insert(change.index, change.after)
+    return tuple(kept)
