@@ -18,7 +18,8 @@ from pydicom.sequence import Sequence
 
 from ronnaplan.cli import main
 from ronnaplan.ct import read_ct
-from ronnaplan.documents.deidentify import DUMMIES, EMPTY, ENTERED, KEPT, REPLACED, deidentify
+from ronnaplan.documents.basic_profile import DUMMIES, EMPTY, ENTERED, KEPT, REPLACED
+from ronnaplan.documents.deidentify import deidentify
 from ronnaplan.documents.dicom_spatial import spatial_fiducials, spatial_registration
 from ronnaplan.documents.fiducials import Source, fiducials_document
 from ronnaplan.documents.registration import read_registration
