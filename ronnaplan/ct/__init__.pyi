@@ -1,18 +1,6 @@
-from .catalogue import Catalogue, Series, find_series
-from .grid import SliceGrid
-from .limits import Limits
-from .reader import read_ct
-from .volume import CTVolume, ScalarMap, SeriesSource, VolumeFlag
-
-__all__ = [
-    "CTVolume",
-    "Catalogue",
-    "Limits",
-    "ScalarMap",
-    "Series",
-    "SeriesSource",
-    "SliceGrid",
-    "VolumeFlag",
-    "find_series",
-    "read_ct",
-]
+from .catalogue import Catalogue as Catalogue, Series as Series, find_series as find_series
+from .grid import SliceGrid as SliceGrid
+from .limits import Limits as Limits
+from .reader import read_ct as read_ct
+from .volume import CTVolume as CTVolume, ScalarMap as ScalarMap
+from .volume import SeriesSource as SeriesSource, VolumeFlag as VolumeFlag

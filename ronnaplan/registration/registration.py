@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 from ronnaplan.display import Shown, coordinates
 from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray, Frame, as_points
-from ronnaplan.pose import Pose, invert, rotation_sd_deg, transform_points
+from ronnaplan.pose import Pose as Pose
+from ronnaplan.pose import invert, rotation_sd_deg, transform_points
 from ronnaplan.registration.covariances import (
     Covariances,
     as_pair,

@@ -1,21 +1,7 @@
-from .frames import labelled_frames
-from .readers import BEGINNING_BYTES, READERS, may_hold_readings, read_recording
-from .recording import PointReading, Recording, ToolReading
-from .stray import MarkerFlag, MarkerReadings, TrackedMarker, find_markers
-from .told import readings_told
-
-__all__ = [
-    "BEGINNING_BYTES",
-    "READERS",
-    "MarkerFlag",
-    "MarkerReadings",
-    "PointReading",
-    "Recording",
-    "ToolReading",
-    "TrackedMarker",
-    "find_markers",
-    "labelled_frames",
-    "may_hold_readings",
-    "read_recording",
-    "readings_told",
-]
+from .frames import labelled_frames as labelled_frames
+from .readers import BEGINNING_BYTES as BEGINNING_BYTES, READERS as READERS
+from .readers import may_hold_readings as may_hold_readings, read_recording as read_recording
+from .recording import PointReading as PointReading, Recording as Recording, ToolReading as ToolReading
+from .stray import MarkerFlag as MarkerFlag, MarkerReadings as MarkerReadings
+from .stray import TrackedMarker as TrackedMarker, find_markers as find_markers
+from .told import readings_told as readings_told
