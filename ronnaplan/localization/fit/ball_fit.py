@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.fit.depth import edge_depth, on_surface
 from ronnaplan.localization.fit.descent import Prior, influence, layer_jacobian, residuals_and_jacobian
-from ronnaplan.localization.fit.directions import Verdict, edge_depth, on_surface
+from ronnaplan.localization.fit.directions import Verdict
 from ronnaplan.localization.fit.guess import METAL_HU
 from ronnaplan.localization.fit.model import has_streaks
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood

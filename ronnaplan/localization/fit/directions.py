@@ -18,28 +18,16 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.algebra import quantile
 from ronnaplan.localization.fit.ball import Discs, discs
 from ronnaplan.localization.fit.cells import CELL_COUNT, cell_directions, direction_cells
+from ronnaplan.localization.fit.depth import REACH_BLURS, REACH_MM, SURFACE_BLURS, edge_depth
 from ronnaplan.localization.fit.model import BLOCK, evaluate, has_skin, is_beyond_scale
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import (
-    BLUR,
     CENTER,
     CONTRAST,
-    LEAST_SPREAD_MM2,
     PARAMETERS,
     RADIUS,
     SKIN_PARAMETERS,
-    WIDTH,
-    U,
-    V,
-    W,
 )
-
-SURFACE_BLURS = 2.0
-"""The ball's blurred edge reaches so many times its blur to either side of the surface."""
-
-REACH_BLURS, REACH_MM = 3.0, 0.5
-"""The fit reaches so many times the blur and so much farther: beyond is what else is there, deep inside may be a metal
-insert."""
 
 OUTLIER_RATIO = 2.5
 """A direction disagrees when its residual exceeds the usual direction's by this factor."""
@@ -286,35 +274,3 @@ def cell_means(values: FloatArray, cells: NDArray[np.intp], chosen: NDArray[np.b
     for cell in range(CELL_COUNT):
         sums[cell] = sums[cell] / counts[cell] if counts[cell] > 0.0 else np.nan
     return sums
-
-
-@njit(cache=True, nogil=True)
-def edge_depth(offsets_mm: FloatArray, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Signed distance outward from the surface (N,) and the blur across the surface there (N,), both in mm."""
-    depth, blur = np.empty(len(offsets_mm)), np.empty(len(offsets_mm))
-    in_plane, along_w = theta[BLUR] ** 2, theta[WIDTH] ** 2 / 12.0
-    for n in range(len(offsets_mm)):
-        u, v, w = offsets_mm[n, U] - theta[U], offsets_mm[n, V] - theta[V], offsets_mm[n, W] - theta[W]
-        square = u * u + v * v + w * w
-        along = w * w / max(square, 1e-18)
-        depth[n] = math.sqrt(square) - theta[RADIUS]
-        blur[n] = math.sqrt(in_plane * (1.0 - along) + along_w * along + LEAST_SPREAD_MM2)
-    return depth, blur
-
-
-def on_surface(depth: FloatArray, blur: FloatArray) -> NDArray[np.bool_]:
-    """Voxels (N,) in the blurred edge of the ball, where the center is told; by what `edge_depth` returns."""
-    near: NDArray[np.bool_] = np.abs(depth) < SURFACE_BLURS * blur
-    return near
-
-
-def within_reach(depth: FloatArray, blur: FloatArray) -> NDArray[np.bool_]:
-    """Voxels (N,) near the surface: farther out is what else is there, deep inside may be a metal insert."""
-    near: NDArray[np.bool_] = np.abs(depth) < REACH_BLURS * blur + REACH_MM
-    return near
-
-
-def deep_inside(depth: FloatArray, blur: FloatArray) -> NDArray[np.bool_]:
-    """Voxels (N,) within the fit's reach, but inside the ball's blur: they show what is in the ball."""
-    near: NDArray[np.bool_] = within_reach(depth, blur) & (depth < -SURFACE_BLURS * blur)
-    return near

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build, is_off_size
 from ronnaplan.localization.fit.ball_fit import BallFit, fit_at
+from ronnaplan.localization.fit.depth import edge_depth, within_reach
 from ronnaplan.localization.fit.descent import (
     BEGIN,
     FIRST_DAMPING,
@@ -26,7 +27,7 @@ from ronnaplan.localization.fit.descent import (
     is_no_marker,
     residuals_and_jacobian,
 )
-from ronnaplan.localization.fit.directions import Verdict, edge_depth, within_reach
+from ronnaplan.localization.fit.directions import Verdict
 from ronnaplan.localization.fit.guess import margin_mm
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import BLUR, CENTER, CONTRAST, EDGE, RADIUS, WIDTH

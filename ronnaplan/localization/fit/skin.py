@@ -6,8 +6,9 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.cells import cell_directions
+from ronnaplan.localization.fit.depth import REACH_BLURS, REACH_MM, SURFACE_BLURS
 from ronnaplan.localization.fit.descent import Prior
-from ronnaplan.localization.fit.directions import REACH_BLURS, REACH_MM, SURFACE_BLURS, Verdict
+from ronnaplan.localization.fit.directions import Verdict
 from ronnaplan.localization.fit.model import has_layer, has_streaks
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import (

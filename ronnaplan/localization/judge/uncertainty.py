@@ -29,7 +29,8 @@ from ronnaplan.localization.build import SIZE_TOLERANCE_MM, is_off_size
 from ronnaplan.localization.fit.algebra import inverse
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.cells import direction_cells
-from ronnaplan.localization.fit.directions import cell_means, edge_depth
+from ronnaplan.localization.fit.depth import edge_depth
+from ronnaplan.localization.fit.directions import cell_means
 from ronnaplan.localization.fit.neighbourhood import first_of_each
 from ronnaplan.localization.fit.parameters import (
     BACKGROUND,

@@ -20,7 +20,7 @@ from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.parts import in_parts
-from ronnaplan.localization.search.coarse import COARSE_SHARE, averaged, blocks, coarse_grid, coarse_voxel_mm
+from ronnaplan.localization.search.coarse import averaged, blocks, coarse_grid, coarse_voxel_mm
 from ronnaplan.localization.search.votes import Ballot, Candidates, Edges
 
 MIN_CONTRAST_HU = 300.0
@@ -33,13 +33,12 @@ ALMOST = 0.999
 """Gradients are first taken in single precision, which tells all but those within this of the threshold."""
 
 
-def detect(volume: CTVolume, diameter_mm: float, coarse_share: float = COARSE_SHARE) -> Candidates:
+def detect(volume: CTVolume, diameter_mm: float) -> Candidates:
     """Find the places where the scan's edges agree on a ball of ``diameter_mm``.
 
-    They are looked for in a copy whose voxels are at most ``coarse_share`` of it, of which there is only a part at a
-    time.
+    They are looked for in a copy of coarser voxels (`coarse_voxel_mm`), of which there is only a part at a time.
     """
-    by = blocks(volume, coarse_voxel_mm(diameter_mm, coarse_share))
+    by = blocks(volume, coarse_voxel_mm(diameter_mm))
     grid = coarse_grid(volume, by)
     return _search(grid, lambda first, end: averaged(volume, by, first, end), (diameter_mm,))[0]
 

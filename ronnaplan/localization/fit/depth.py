@@ -1,0 +1,51 @@
+"""How deep inside a ball or far outside of it voxels are, beside the blur of its edge there, and what they tell."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kernelcache import njit
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.fit.parameters import BLUR, LEAST_SPREAD_MM2, RADIUS, WIDTH, U, V, W
+
+SURFACE_BLURS = 2.0
+"""The ball's blurred edge reaches so many times its blur to either side of the surface."""
+
+REACH_BLURS, REACH_MM = 3.0, 0.5
+"""The fit reaches so many times the blur and so much farther: beyond is what else is there, deep inside may be a metal
+insert."""
+
+
+@njit(cache=True, nogil=True)
+def edge_depth(offsets_mm: FloatArray, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Signed distance outward from the surface (N,) and the blur across the surface there (N,), both in mm."""
+    depth, blur = np.empty(len(offsets_mm)), np.empty(len(offsets_mm))
+    in_plane, along_w = theta[BLUR] ** 2, theta[WIDTH] ** 2 / 12.0
+    for n in range(len(offsets_mm)):
+        u, v, w = offsets_mm[n, U] - theta[U], offsets_mm[n, V] - theta[V], offsets_mm[n, W] - theta[W]
+        square = u * u + v * v + w * w
+        along = w * w / max(square, 1e-18)
+        depth[n] = math.sqrt(square) - theta[RADIUS]
+        blur[n] = math.sqrt(in_plane * (1.0 - along) + along_w * along + LEAST_SPREAD_MM2)
+    return depth, blur
+
+
+def on_surface(depth: FloatArray, blur: FloatArray) -> NDArray[np.bool_]:
+    """Voxels (N,) in the blurred edge of the ball, where the center is told; by what `edge_depth` returns."""
+    near: NDArray[np.bool_] = np.abs(depth) < SURFACE_BLURS * blur
+    return near
+
+
+def within_reach(depth: FloatArray, blur: FloatArray) -> NDArray[np.bool_]:
+    """Voxels (N,) near the surface: farther out is what else is there, deep inside may be a metal insert."""
+    near: NDArray[np.bool_] = np.abs(depth) < REACH_BLURS * blur + REACH_MM
+    return near
+
+
+def deep_inside(depth: FloatArray, blur: FloatArray) -> NDArray[np.bool_]:
+    """Voxels (N,) within the fit's reach, but inside the ball's blur: they show what is in the ball."""
+    near: NDArray[np.bool_] = within_reach(depth, blur) & (depth < -SURFACE_BLURS * blur)
+    return near
