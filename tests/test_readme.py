@@ -70,11 +70,6 @@ def test_every_command_of_the_pages_is_one_that_the_program_takes() -> None:
         parser.parse_args(arguments[: arguments.index(">")] if ">" in arguments else arguments)
 
 
-def test_every_link_leads_to_a_file() -> None:
-    links = [link.split("#")[0] for link in re.findall(r"\]\(([^)]+)\)", README)]
-    assert all("//" in link or (ROOT / link).exists() for link in links)
-
-
 def test_what_the_demo_installs_is_part_of_what_the_tests_install() -> None:
     def pinned(name: str) -> dict[str, str]:
         text = (ROOT / name).read_text(encoding="utf-8")

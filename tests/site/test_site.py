@@ -45,15 +45,16 @@ def anchors(page: Path) -> set[str]:
 
 
 def test_every_internal_link_leads_to_a_page_and_its_heading() -> None:
-    pages = [*DOCS.rglob("*.md"), *DOCS.rglob("*.py")]
+    pages = [*DOCS.rglob("*.md"), *DOCS.rglob("*.py"), *ROOT.glob("*.md")]
+    made = {DOCS / one for one in MADE}
     assert len(pages) > 25
     for page in pages:
         for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
             path, _, anchor = target.partition("#")
             place = (page.parent / path).resolve() if path else page
-            if "//" in target or str(place.relative_to(DOCS)) in MADE:
+            if "//" in target or place in made:
                 continue
-            assert place.is_file(), (page, target)
+            assert place.exists(), (page, target)
             assert not anchor or anchor in anchors(place), (page, target)
 
 
