@@ -2,7 +2,7 @@
 
     python -m benchmarks.stereo [--rigs N] [--seed N] [--scenes NAME ...] [--reasons] [--calibrations N]
 
-Each scene of `phantoms.stereo_scenes` is seen by N rigs drawn at random, with their true calibration. The error is that
+Each scene of `phantoms.stereo_kinds` is seen by N rigs drawn at random, with their true calibration. The error is that
 of the center in the rig's coordinates, absolute; the normalized error is error' covariance^-1 error / 3, 1 being right,
 on average over the accepted. Times are those of `locate_sphere`, in ms a pair: by the clock, on two cores, and of the
 processor. With
@@ -20,7 +20,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from phantoms.cameras import SIZE, board_image
-from phantoms.stereo_scenes import BASE, DIAMETER_MM, SCENES, Scene, SceneRig, random_rig, render
+from phantoms.stereo_kinds import BASE, DIAMETER_MM, SCENES, Scene
+from phantoms.stereo_scenes import SceneRig, random_rig, render
 from ronnaplan.errors import RonnaplanError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import Pose

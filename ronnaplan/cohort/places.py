@@ -11,7 +11,7 @@ from typing import Any, Final, NamedTuple
 
 from ronnaplan.ct.archives import UnpackedMember, ZipMember, starts_as_archive, zip_members
 from ronnaplan.ct.catalogue import folder_of_index
-from ronnaplan.ct.files import Blob, DamagedError, DiskFile, Skipped, given_path
+from ronnaplan.ct.files import Blob, Copied, DamagedError, DiskFile, Skipped, given_path
 from ronnaplan.ct.folders import blobs_below
 from ronnaplan.ct.limits import DEFAULT_LIMITS
 from ronnaplan.ct.system_folders import is_system_folder
@@ -55,22 +55,8 @@ class Met(NamedTuple):
     stamp: str
 
 
-class _Copied:
-    """Reads into memory by way of `read`."""
-
-    def read(self, offset: int, count: int) -> bytes:
-        """Return ``count`` bytes from ``offset``, fewer at the end."""
-        raise NotImplementedError
-
-    def read_into(self, offset: int, target: memoryview) -> int:
-        """Fill ``target`` from ``offset``; return how many bytes there were."""
-        content = self.read(offset, len(target))
-        target[: len(content)] = content
-        return len(content)
-
-
 @dataclass(frozen=True)
-class RemoteFile(_Copied):
+class RemoteFile(Copied):
     """A file behind a URL, of which parts are fetched."""
 
     files: Any
@@ -91,7 +77,7 @@ class RemoteFile(_Copied):
 
 
 @dataclass(frozen=True)
-class Fetched(_Copied):
+class Fetched(Copied):
     """A file that was fetched whole."""
 
     name: str

@@ -13,7 +13,7 @@ from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from ronnaplan.ct.files import Blob, DamagedError, Skipped, starts_with
+from ronnaplan.ct.files import Blob, Copied, DamagedError, Skipped, starts_with
 from ronnaplan.ct.limits import Limits
 from ronnaplan.ct.system_folders import WHY_LEFT_PACKED, is_below_system_folder
 from ronnaplan.errors import InputError
@@ -32,7 +32,7 @@ _UNPACKED_IN_MEMORY_BYTES = 4 << 20
 
 
 @dataclass(frozen=True, slots=True)
-class ZipMember:
+class ZipMember(Copied):
     """A small file inside a zip archive, unpacked in memory at each read."""
 
     archive: zipfile.ZipFile
@@ -58,12 +58,6 @@ class ZipMember:
         with _Unpacking(), self.archive.open(self.info) as stream:
             stream.seek(offset)
             return stream.read(count)
-
-    def read_into(self, offset: int, target: memoryview) -> int:
-        """Fill ``target`` from ``offset``; return how many bytes there were."""
-        content = self.read(offset, len(target))
-        target[: len(content)] = content
-        return len(content)
 
 
 @dataclass(frozen=True, slots=True)

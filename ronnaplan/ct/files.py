@@ -48,6 +48,22 @@ class Blob(Protocol):
         ...
 
 
+class Copied:
+    """What can be read into new memory only, as a `Blob`: ``read`` is its own."""
+
+    __slots__ = ()
+
+    def read(self, offset: int, count: int) -> bytes:
+        """Return ``count`` bytes from ``offset``, fewer at the end."""
+        raise NotImplementedError
+
+    def read_into(self, offset: int, target: memoryview) -> int:
+        """Fill ``target`` from ``offset``; return how many bytes there were."""
+        content = self.read(offset, len(target))
+        target[: len(content)] = content
+        return len(content)
+
+
 def starts_with(blob: Blob, signature: bytes) -> bool:
     """Whether a file starts so; False where it cannot be read."""
     try:

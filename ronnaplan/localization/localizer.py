@@ -90,16 +90,10 @@ def localize(
     markers = _from_the_top(together(scan, [one for one in judged if one.is_marker]))
     examined = [*(one for one in examined if not one.is_marker), *judged]
     fiducials, rejected = _numbered(scan, markers), _rejected(examined, markers)
-    departure_mm, wrong = None, _distortion(scan, examined, markers, marker)
+    wrong, departure_mm = _distortion(scan, examined, markers, marker), None
     if template is not None:
-        try:
-            fiducials, others = match_template(template, fiducials)
-        except RefusedError as error:
-            if wrong is None:
-                raise
-            raise RefusedError(f"{error}; {wrong}") from error
+        fiducials, others, departure_mm = _by_template(template, fiducials, wrong)
         rejected = (*others, *rejected)
-        departure_mm = distance_error_mm(template, fiducials)
     result = Fiducials(
         tuple(fiducials),
         rejected,
@@ -153,6 +147,22 @@ def _distortion(
     if len(markers) >= LEAST_TOGETHER and not all(one.is_off_size for one in markers):
         return None
     return distortion(scan, examined, lambda other, wanted: examine_places(other, wanted, marker))
+
+
+def _by_template(
+    template: Template, fiducials: list[Fiducial], wrong: str | None
+) -> tuple[list[Fiducial], tuple[Rejected, ...], float]:
+    """Return the template's markers, the others, and by how much distances depart (mm).
+
+    A refusal says what may be ``wrong`` with the scan's geometry, too.
+    """
+    try:
+        kept, others = match_template(template, fiducials)
+    except RefusedError as error:
+        if wrong is None:
+            raise
+        raise RefusedError(f"{error}; {wrong}") from error
+    return kept, others, distance_error_mm(template, kept)
 
 
 def _tell(found: Fiducials) -> None:

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from benchmarks.stereo import measure
-from phantoms.stereo_scenes import SCENES
+from phantoms.stereo_kinds import SCENES
 
 LOOKED_AT = 2
 """A seed that was looked at while tuning: the study's own stay unseen."""

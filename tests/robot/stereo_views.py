@@ -8,7 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from phantoms import cameras as rendering
-from phantoms.stereo_scenes import SCENES, SceneRig, View, random_rig, render
+from phantoms.stereo_kinds import SCENES
+from phantoms.stereo_scenes import SceneRig, View, random_rig, render
 from ronnaplan.pose import Pose, invert
 from ronnaplan.robot.camera import RIG, Camera, StereoRig
 from ronnaplan.robot.chain import TCP
