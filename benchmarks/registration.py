@@ -28,7 +28,7 @@ from ronnaplan.registration import (
     register_points,
 )
 from ronnaplan.registration.covariances import combined_covariances
-from ronnaplan.registration.registration import MISFIT_PROBABILITY
+from ronnaplan.registration.flags import MISFIT_PROBABILITY
 from ronnaplan.report.tables import align
 from ronnaplan.rigid import COLLINEARITY_TOLERANCE, fit_closed_form, fit_likelihood
 from ronnaplan.sigmas import SIGMA_OTS_MM

@@ -8,7 +8,7 @@ from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.errors import InputError
 from ronnaplan.planning import Plan
 from ronnaplan.planning.uncertainty import Expectation, ExpectedPose
-from ronnaplan.registration.registration import RegistrationFlag
+from ronnaplan.registration.flags import RegistrationFlag
 
 
 def expectation(

@@ -32,8 +32,8 @@ from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import Frame, Points
 from ronnaplan.planning.uncertainty import ExpectedPose
 from ronnaplan.pose import Pose, as_pose, transform_points
+from ronnaplan.registration.flags import RegistrationFlag
 from ronnaplan.registration.maps import error_map
-from ronnaplan.registration.registration import RegistrationFlag
 from ronnaplan.sigmas import SIGMA_OTS_MM
 from ronnaplan.tracking.recording import OTS
 

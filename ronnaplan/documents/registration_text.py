@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ronnaplan.documents.registration import RegistrationDocument
+from ronnaplan.registration.flags import MISFIT_PROBABILITY
 from ronnaplan.registration.radius import radius_95_mm
-from ronnaplan.registration.registration import MISFIT_PROBABILITY
 from ronnaplan.text import columns, filled
 
 FRE_WARNING = (

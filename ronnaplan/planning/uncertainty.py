@@ -13,8 +13,8 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Points, as_points, require_sigma
 from ronnaplan.planning.trajectory import Trajectory
 from ronnaplan.pose import Pose, point_jacobian, rotation_sd_deg
+from ronnaplan.registration.flags import LOOSE_ROTATION_DEG
 from ronnaplan.registration.planned import planned_pose
-from ronnaplan.registration.registration import LOOSE_ROTATION_DEG
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 
 TUBE_SIGMAS = 2.4477

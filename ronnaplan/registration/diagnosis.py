@@ -10,7 +10,8 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import point_jacobian, transform_points
 from ronnaplan.registration.covariances import SMALLEST_VARIANCE_MM2, combined_covariances
-from ronnaplan.registration.registration import MISFIT_PROBABILITY, Registration
+from ronnaplan.registration.flags import MISFIT_PROBABILITY
+from ronnaplan.registration.registration import Registration
 from ronnaplan.rigid import fit_closed_form, fit_likelihood, pose_covariance, spans_a_plane
 
 A_STRETCH = "a stretch of one side"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import StrEnum
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -24,6 +23,7 @@ from ronnaplan.registration.covariances import (
     estimated_variance,
     fitted_pose_covariance,
 )
+from ronnaplan.registration.flags import LOOSE_ROTATION_DEG, MIRROR_GAIN, MISFIT_PROBABILITY, RegistrationFlag
 from ronnaplan.registration.stretch import explaining_stretch
 from ronnaplan.rigid import fit_closed_form, fit_likelihood, require_spread
 
@@ -33,36 +33,8 @@ if TYPE_CHECKING:
 
 LOG = logging.getLogger(__name__)
 
-MISFIT_PROBABILITY = 0.001
-"""Residuals that errors as stated would produce more rarely than this are called a misfit."""
-LOOSE_ROTATION_DEG = 8.0
-"""Standard deviation of a rotation above which the layout is flagged: 14 mm at 100 mm. The error of a fit is right
-within 2 % at 5 degrees and within 5 % at 10 (docs/registration.md); 8 is between."""
-MIRROR_GAIN = 5.0
-"""A mirrored fit with an FRE this many times smaller than the rigid one tells that one point set is left-
-handed."""
-
-
-class RegistrationFlag(StrEnum):
-    """Reasons to doubt a registration.
-
-    `MISFIT` stands where `Registration.fit_probability` is below `MISFIT_PROBABILITY` (0.001), `TOO_GOOD` above 0.999,
-    `LOOSE_ROTATION` beyond `LOOSE_ROTATION_DEG`, as it says; `STRETCHED` where `Registration.stretch` tells one.
-    """
-
-    THREE_MARKERS = "only three pairs: one bad marker cannot be told from the others"
-    ERRORS_FROM_RESIDUALS = "no marker errors were stated, so they are estimated from few residuals"
-    LOOSE_ROTATION = (
-        "the markers' layout leaves a rotation uncertain by more than 8 degrees, so expected errors are unreliable"
-    )
-    MISFIT = "the residuals are larger than the stated marker errors explain"
-    TOO_GOOD = "the residuals are far smaller than the stated marker errors; the stated errors may be too large"
-    MIRRORED = "the points fit a mirror image far better; one set may be left-handed"
-    STRETCHED = (
-        "the pairs agree far better where one side is stretched; check the scan's pixel size and slice distance, and "
-        "the tracker's scale"
-    )
-    UNSETTLED = "the fit did not settle, as the pairs contradict each other far beyond their stated errors"
+MOVING, FIXED = Frame("moving"), Frame("fixed")
+"""The frames of points of which nobody said in what frame they are."""
 
 
 class RegisteredPair(NamedTuple):
@@ -212,8 +184,8 @@ class Registration(Shown[RegisteredPair]):
         """
         from ronnaplan.registration.maps import error_map
 
-        frame_is_named = self.pose.from_frame.name != "moving"
-        return error_map(self.pose, volume, self.pose.from_frame if frame_is_named else None)
+        moving = self.pose.from_frame
+        return error_map(self.pose, volume, None if moving == MOVING else moving)
 
     @property
     def rotation_sd_deg(self) -> float:
@@ -256,15 +228,15 @@ def register_points(
     covariances: Covariances = None,
     *,
     labels: Sequence[str] | None = None,
-    moving_frame: Frame = Frame("moving"),  # noqa: B008  # frozen
-    fixed_frame: Frame = Frame("fixed"),  # noqa: B008
+    moving_frame: Frame = MOVING,
+    fixed_frame: Frame = FIXED,
 ) -> Registration:
     """Return the rigid registration of ``moving`` (N, 3) onto ``fixed`` (N, 3), paired row by row, in mm.
 
-    Without ``covariances`` the errors are taken as equal and isotropic: the closed form of Eq. 1, with the error
-    estimated from the residuals. With them (see `Covariances`) the fit is of maximum likelihood, for anisotropic
-    errors that differ from point to point on both sides. The result is a rotation and a translation, never a
-    reflection. ``labels`` name the pairs in reports.
+    ``covariances`` are what the points err by, in mm^2, each in its own frame: (3, 3) for all or (N, 3, 3), of the
+    fixed points with the moving ones exact, or a tuple (moving, fixed). With them the fit is of maximum likelihood, for
+    errors that differ by direction and point; without, it is the closed form of Eq. 1, and one error for all is
+    estimated from the residuals. It is a rotation and a translation, never a reflection. ``labels`` name the pairs.
 
     Raises `InputError` for fewer than three pairs, sets of unequal length, a pair given twice, collinear points,
     numbers that are not finite or not in mm, and covariances that are not positive definite.
