@@ -5,12 +5,18 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeVar
+from contextlib import AbstractContextManager
+from functools import cache
+from itertools import pairwise
+from typing import Any, TypeVar
 
 from ronnaplan.portable import processors
 
 TOLD = "OMP_NUM_THREADS"
 """Environment variable by which schedulers, and whoever starts several processes, say how many threads one may have."""
+
+PARTS_PER_CORE = 2
+"""Parts are not equally much work; what ends early takes another."""
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -39,3 +45,30 @@ def in_threads(work: Callable[[Item], Result], items: Iterable[Item], most: int 
         yield from pool.map(work, items)
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+def in_parts(work: Callable[[int, int], Result], count: int) -> list[Result]:
+    """Call ``work`` with first and past-the-last of even parts of ``range(count)``, in threads; results in order.
+
+    For work that releases the interpreter's lock, and whose result does not depend on where the parts begin.
+    """
+    parts = max(min(PARTS_PER_CORE * cores(), count), 1)
+    ends = [count * n // parts for n in range(parts + 1)]
+    return list(in_threads(lambda part: work(*part), pairwise(ends)))
+
+
+def single_threaded_algebra() -> AbstractContextManager[Any]:
+    """Keep the linear algebra of each thread to its own core, for the time of a ``with``.
+
+    Libraries that start threads for each small product would wait for one another, and sum in another order on
+    another number of cores.
+    """
+    limits: AbstractContextManager[Any] = _libraries().limit(limits=1, user_api="blas")
+    return limits
+
+
+@cache
+def _libraries() -> Any:
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()

@@ -86,7 +86,7 @@ def _checked(
     from ronnaplan.ct import read_ct
     from ronnaplan.documents.phantom_check import CheckedScan
     from ronnaplan.localization import localize
-    from ronnaplan.localization.settings import recommended_settings
+    from ronnaplan.localization.advice import recommended_settings
     from ronnaplan.registration.phantom_check import check_phantom, names_of_scan
     from ronnaplan.registration.phantom_verdict import reasons_against
     from ronnaplan.text import printable

@@ -27,7 +27,7 @@ from ronnaplan.documents.template import FORMAT as TEMPLATE
 from ronnaplan.documents.template import TemplateDocument, read_template_document
 from ronnaplan.errors import InputError
 from ronnaplan.localization import Fiducials
-from ronnaplan.localization.settings import Advice
+from ronnaplan.localization.advice import Advice
 from ronnaplan.registration.phantom_check import KnownPhantom, PhantomCheck, names_of_scan
 from ronnaplan.registration.phantom_verdict import Estimate, normalized_error, share_within
 

@@ -29,13 +29,12 @@ from ronnaplan.localization.judge.uncertainty import (
     cramer_rao_bound,
     noise_level,
 )
-from ronnaplan.localization.parts import single_threaded_algebra
 from ronnaplan.localization.scanner.hardened import Head, without_the_head
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanner.summed import what_is_lost_hu
 from ronnaplan.localization.search.detect import detect
 from ronnaplan.localization.search.look import surface_shares, unseen_share
-from ronnaplan.threads import in_threads
+from ronnaplan.threads import in_threads, single_threaded_algebra
 
 OF_THE_SHAPE = {"thickness", "coverage", "free", "roundness", "certainty"}
 """Tests that balls fail whose blur is not along the slices' axes; `free` where they lie on skin."""

@@ -21,14 +21,13 @@ from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import Examined, distinct, examine_place
 from ronnaplan.localization.fit.parameters import BACKGROUND, CONTRAST
 from ronnaplan.localization.fit.shading import PLATEAU_SHARE
-from ronnaplan.localization.parts import single_threaded_algebra
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanwide.slant import along_the_blur
 from ronnaplan.localization.scanwide.thick import as_thick, as_thin
 from ronnaplan.localization.scanwide.usual import OF_THE_PROFILE, judged_again, usual_of
 from ronnaplan.localization.search.anysize import SEARCHED_MM, Place, round_places
 from ronnaplan.localization.search.coarse import COARSE_FLOOR_MM, coarsen
-from ronnaplan.threads import in_threads
+from ronnaplan.threads import in_threads, single_threaded_algebra
 
 LARGE_MM = 5.0 * COARSE_FLOOR_MM
 """The size of a ball as large as this shows as well in a copy of voxels of `COARSE_FLOOR_MM`."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.parts import in_parts
+from ronnaplan.threads import in_parts
 
 EDGE_REACH = 5.0
 """Distance from the edge, in units of sigma, beyond which a blurred disc is 0 or 1 to within 1e-6."""

@@ -16,7 +16,7 @@ from kernelcache import njit
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.algebra import quantile
-from ronnaplan.localization.parts import in_parts
+from ronnaplan.threads import in_parts
 
 DISPLACED_SHARE = 0.02
 """Standard error along the slices' normal, as a share of their distance, where they were computed so. Balls of 6 to

@@ -10,7 +10,7 @@ from ronnaplan.ct.pixels import Voxels
 from ronnaplan.ct.scratch import one_by_one
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.parts import in_parts
+from ronnaplan.threads import in_parts
 
 MIN_CEILING_HU, SCANNERS_CEILING_HU = 300.0, 2000.0
 """Nobody cuts a scale off below the first, and no scanner below the second; exports for soft tissue or bone may do."""

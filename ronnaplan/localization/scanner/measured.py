@@ -23,7 +23,7 @@ from ronnaplan.ct.scratch import let_go
 from ronnaplan.ct.volume import CTVolume, VolumeFlag
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.parts import in_parts
+from ronnaplan.threads import in_parts
 
 ROUNDED_HU = 1.0
 """Whole numbers that lie on one line before they are rounded are off it by no more than this."""

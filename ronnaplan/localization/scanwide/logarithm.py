@@ -19,11 +19,10 @@ from ronnaplan.localization.fit.descent import residuals_and_jacobian
 from ronnaplan.localization.fit.parameters import WIDTH
 from ronnaplan.localization.judge.motion import LEAST_TOGETHER
 from ronnaplan.localization.judge.uncertainty import robust_spread
-from ronnaplan.localization.parts import single_threaded_algebra
 from ronnaplan.localization.scanner.hardened import Head
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanner.summed import ALIKE_VOXELS, Summed, what_is_lost_hu
-from ronnaplan.threads import in_threads
+from ronnaplan.threads import in_threads, single_threaded_algebra
 
 THICK_MM = 1.2
 """Thinner slices hold too little of a head for its slope to displace a ball by more than 2 um, 6 on its top."""

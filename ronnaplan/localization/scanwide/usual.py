@@ -18,8 +18,8 @@ from ronnaplan.localization.examine import Examined, distinct, examine_place
 from ronnaplan.localization.fit.parameters import WIDTH, softness_mm2
 from ronnaplan.localization.judge.evidence import Usual
 from ronnaplan.localization.judge.motion import LEAST_TOGETHER
-from ronnaplan.localization.parts import single_threaded_algebra
 from ronnaplan.localization.scanner.scan import Scan
+from ronnaplan.threads import single_threaded_algebra
 
 ALIKE_MM = 0.75
 ALIKE_SHARE = 0.6

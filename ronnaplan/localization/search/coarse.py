@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from kernelcache import njit
 from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.volume import CTVolume
-from ronnaplan.localization.parts import in_parts
+from ronnaplan.threads import in_parts
 
 COARSE_SHARE = 1.0 / 5.0
 """The coarse copy's voxels are at most this share of the diameter, enough to see the marker's surface turn ..."""

@@ -19,9 +19,9 @@ from kernelcache import njit
 from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.parts import in_parts
 from ronnaplan.localization.search.coarse import averaged, blocks, coarse_grid, coarse_voxel_mm
 from ronnaplan.localization.search.votes import Ballot, Candidates, Edges
+from ronnaplan.threads import in_parts
 
 MIN_CONTRAST_HU = 300.0
 """Faintest ball that is looked for, against its surroundings (plastic in air shows about 1,100 HU)."""

@@ -15,8 +15,8 @@ from ronnaplan.localization.build import Build
 from ronnaplan.localization.fit.algebra import ranked
 from ronnaplan.localization.fit.cells import CELL_COUNT, cell_directions
 from ronnaplan.localization.fit.guess import margin_mm
-from ronnaplan.localization.parts import in_parts
 from ronnaplan.localization.search.detect import MIN_CONTRAST_HU
+from ronnaplan.threads import in_parts
 
 METAL_HU = 2500.0
 """Brighter than bone and teeth in any scan."""

@@ -12,8 +12,8 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build
 from ronnaplan.localization.fit.algebra import quantile, solve
 from ronnaplan.localization.fit.cells import cell_directions
-from ronnaplan.localization.parts import in_parts
 from ronnaplan.localization.search.look import Lookup, fill_nearest, lookup_of
+from ronnaplan.threads import in_parts
 
 LEAST_SHOWN = 0.6
 """A ball falls to its surroundings somewhere in at least this share of the directions ..."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.parts import in_parts
+from ronnaplan.threads import in_parts
 
 VOTE_CELLS_PER_DIAMETER = 6
 """Votes are counted in cells of this share of the diameter, but never smaller than a pixel."""

@@ -85,19 +85,14 @@ def worths(problem: Problem, places: FloatArray, least: float = 0.0, plenty: flo
                 problem.machine, problem.world, problem.ways, base, order, False, worth, chosen, least, plenty
             )
 
-    in_parts(judge, len(places))
+    parts = cores()
+    list(in_threads(judge, [np.arange(n, len(places), parts) for n in range(min(parts, len(places)))]))
     return found
 
 
 def serves(problem: Problem, places: FloatArray) -> NDArray[np.bool_]:
     """Return which (N,) of the bases at ``places`` (N, 4) serve every task."""
     return np.asarray(worths(problem, places, plenty=ANY) >= 0.0)
-
-
-def in_parts(work: Callable[[NDArray[np.int64]], None], count: int) -> None:
-    """Call ``work`` with all numbers below ``count``, shared out among the cores."""
-    parts = cores()
-    list(in_threads(work, [np.arange(n, count, parts) for n in range(min(parts, count))]))
 
 
 def grid(problem: Problem) -> FloatArray:

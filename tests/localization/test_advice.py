@@ -8,8 +8,8 @@ import numpy as np
 
 from ronnaplan.ct import SeriesSource, SliceGrid
 from ronnaplan.localization import Fiducial, FiducialFlag, Fiducials
+from ronnaplan.localization.advice import recommended_settings
 from ronnaplan.localization.fit.parameters import BLUR, EDGE, PARAMETERS, RADIUS, SHAPE, WIDTH
-from ronnaplan.localization.settings import recommended_settings
 
 
 def grid(pixel_mm: float = 0.5, gap_mm: float = 1.0) -> SliceGrid:
