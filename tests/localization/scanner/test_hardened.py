@@ -14,7 +14,8 @@ from ronnaplan.localization.examine import fit_place
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.model import has_streaks
 from ronnaplan.localization.fit.parameters import W
-from ronnaplan.localization.scanner.hardened import APERTURE_MM2, ROW_MM2, Beside, Head, all_beside, pictures_hu
+from ronnaplan.localization.scanner.beside import Beside, all_beside
+from ronnaplan.localization.scanner.hardened import APERTURE_MM2, ROW_MM2, Head, pictures_hu
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanner.summed import WATER_PER_MM
 
