@@ -21,7 +21,8 @@ from ronnaplan.correspondence.evidence import (
     log_misfit,
     log_misfit_at,
 )
-from ronnaplan.correspondence.exact import LISTED_NATS, distances
+from ronnaplan.correspondence.exact import LISTED_NATS
+from ronnaplan.correspondence.graph import distances
 from ronnaplan.correspondence.inputs import check_probability, checked_points
 from ronnaplan.correspondence.pairing import LEAST_PROBABILITY, IntArray
 from ronnaplan.correspondence.rivals import LEAST_REGULAR

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
-from ronnaplan.correspondence.exact import distances
+from ronnaplan.correspondence.graph import distances
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.geometry import FloatArray
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kernelcache import njit
-from ronnaplan.correspondence.exact import distances
+from ronnaplan.correspondence.graph import distances
 from ronnaplan.correspondence.inputs import checked_number, checked_points
 from ronnaplan.correspondence.pairing import IntArray, Pairing, no_pairs
 from ronnaplan.errors import InputError, check_type
