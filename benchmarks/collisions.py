@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.placement.placement import Job
+from ronnaplan.robot.placement.job import Job
 from ronnaplan.robot.placement.search import Problem
 from tests.robot.placement.cases import CENTER_MM, HEAD_MM
 

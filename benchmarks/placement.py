@@ -20,8 +20,9 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.arm.forward import link_frames
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.placement.clearances import place_trolley, posture_margins
+from ronnaplan.robot.placement.job import Job
 from ronnaplan.robot.placement.parking import probability
-from ronnaplan.robot.placement.placement import COARSE, FINE, Job, find_places
+from ronnaplan.robot.placement.placement import COARSE, FINE, find_places
 from ronnaplan.robot.placement.room import Floor, Parking
 from ronnaplan.robot.placement.search import Problem, base_pose, refine, serves, worths
 from ronnaplan.robot.placement.serving import serve

@@ -43,7 +43,8 @@ def place_robot() -> None:
 
     from ronnaplan.documents.room_example import example_room
     from ronnaplan.robot.arm.kuka import kr6_r900
-    from ronnaplan.robot.placement.placement import Job, find_places
+    from ronnaplan.robot.placement.job import Job
+    from ronnaplan.robot.placement.placement import find_places
     from ronnaplan.robot.placement.tasks import drill_task, view_task
     from ronnaplan.robot.placement.world import world_of
 

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from ronnaplan.documents.fiducials import Source
     from ronnaplan.geometry import Points
     from ronnaplan.robot.arm.arm import SerialArm
-    from ronnaplan.robot.placement.placement import Job, Placement
+    from ronnaplan.robot.placement.job import Job
+    from ronnaplan.robot.placement.placement import Placement
     from ronnaplan.robot.placement.room import Room
 
 HELP = (
@@ -196,7 +197,7 @@ def _job(arguments: argparse.Namespace, arm: SerialArm, room: Room) -> tuple[Job
     from ronnaplan.documents.agreement import disagreement
     from ronnaplan.errors import InputError
     from ronnaplan.planning.head import Head
-    from ronnaplan.robot.placement.placement import Job
+    from ronnaplan.robot.placement.job import Job
 
     names = (arguments.plan, arguments.fiducials, arguments.registration)
     files = CaseFiles(*(Path(name) if name else None for name in names))
@@ -227,7 +228,7 @@ def _job(arguments: argparse.Namespace, arm: SerialArm, room: Room) -> tuple[Job
 
 def _untold_sizes(case: Case) -> list[str]:
     """Say that markers are kept clear of as if of a usual size, where only the registration tells of them."""
-    from ronnaplan.robot.placement.placement import MARKER_RADIUS_MM
+    from ronnaplan.robot.placement.job import MARKER_RADIUS_MM
 
     if case.fiducials is not None or case.registration is None:
         return []

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.arm.compiled import place_links
+from ronnaplan.robot.arm.links import place_links
 from ronnaplan.robot.placement.distances import box_box, segment_box, segment_point, segment_segment
 from ronnaplan.robot.placement.machine import APART, FREE, Machine, place_bodies
 from ronnaplan.robot.placement.world import World

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.arm.compiled import invert_into, near_postures, nearest_turn, times
+from ronnaplan.robot.arm.compiled import near_postures, nearest_turn
+from ronnaplan.robot.arm.links import invert_into, times
 from ronnaplan.robot.arm.refined import refined
 from ronnaplan.robot.arm.singular import singularity
 from ronnaplan.robot.placement.clearances import parked, place_trolley, posture_margins

@@ -12,7 +12,7 @@ from kernelcache import njit
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, unit
 from ronnaplan.robot.arm.arm import Body, SerialArm
-from ronnaplan.robot.arm.compiled import place_links
+from ronnaplan.robot.arm.links import place_links
 from ronnaplan.robot.arm.wrist import Wrist, wrist_of
 from ronnaplan.robot.placement.distances import segment_segment
 from ronnaplan.robot.placement.room import Capsule, Room

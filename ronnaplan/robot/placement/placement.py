@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, Frame, Points
-from ronnaplan.planning import Plan
-from ronnaplan.pose import Pose, invert, transform_points
-from ronnaplan.robot.arm.arm import SerialArm
-from ronnaplan.robot.chain import R
+from ronnaplan.geometry import FloatArray
+from ronnaplan.pose import invert, transform_points
 from ronnaplan.robot.placement import blocking
-from ronnaplan.robot.placement.machine import clad, machine_of
+from ronnaplan.robot.placement.job import Job
 from ronnaplan.robot.placement.near import what_comes_near
 from ronnaplan.robot.placement.parking import probability
-from ronnaplan.robot.placement.room import Room
 from ronnaplan.robot.placement.route import Route, plan_route
 from ronnaplan.robot.placement.search import (
     Problem,
@@ -33,8 +27,7 @@ from ronnaplan.robot.placement.search import (
     worths,
 )
 from ronnaplan.robot.placement.serving import Served, serve
-from ronnaplan.robot.placement.tasks import Fineness, Task, drill_task, view_task, ways_of
-from ronnaplan.robot.placement.world import World, world_of
+from ronnaplan.robot.placement.tasks import Fineness, Task
 from ronnaplan.threads import in_threads
 
 COARSE = Fineness(24, 60.0)
@@ -45,12 +38,6 @@ PLACES, TRIED = 3, 6
 """The best base and its alternatives; so many are looked at closely until as many have free ways to all tasks."""
 SCATTERED = 16_384
 """Further bases that are tried where none of the grid serves all."""
-TRACKER_APART_MM = 300.0
-"""A tracker that was measured with a tape is nearer than this to where the registration puts it."""
-LARGEST_TILT_DEG = 10.0
-"""Of a measured base: a trolley stands upright, and a head in its holder lies as told to within this."""
-MARKER_RADIUS_MM = 6.0
-"""Of a marker whose size nobody told."""
 BLAMED = 300
 """Bases that are asked what stands in the way."""
 
@@ -84,114 +71,6 @@ class Placement:
     def r_from_ct(self, place: Place) -> FloatArray:
         """Return R from CT (4, 4)."""
         return invert(place.room_from_r) @ self.room_from_ct
-
-
-@dataclass(frozen=True, eq=False)
-class Job:
-    """What the robot has to do, in the room: tasks, the head's surface and the tracker."""
-
-    arm: SerialArm
-    room: Room
-    room_from_ct: FloatArray
-    tasks: tuple[Task, ...]
-    world: World
-    frame: Frame = field(default_factory=lambda: Frame("CT"))
-    """The plan's."""
-
-    @classmethod
-    def of_plan(
-        cls,
-        arm: SerialArm,
-        room: Room,
-        plan: Plan,
-        markers: Points | None,
-        surface_ct_mm: FloatArray,
-        head_center_ct_mm: FloatArray,
-        ots_from_ct: FloatArray | None = None,
-        *,
-        radii_mm: FloatArray | None = None,
-    ) -> Job:
-        """Return the job of a plan and its scan's ``markers`` with the head's ``surface_ct_mm`` (N, 3), all in LPS mm.
-
-        With ``ots_from_ct`` (4, 4) the tracker stands where it was registered, otherwise where the room says.
-        ``radii_mm`` (M,) are those of the markers, which else have `MARKER_RADIUS_MM`. Raises `InputError` for a plan
-        without trajectories and `FrameMismatchError` for markers of another scan.
-        """
-        if not plan.trajectories:
-            raise InputError("the plan holds no trajectories; add those that the robot shall serve")
-        room_from_ct = room.head.room_from_ct(head_center_ct_mm)
-        center = transform_points(room_from_ct, head_center_ct_mm[None])[0]
-        tasks = []
-        for one in plan.trajectories:
-            ends = transform_points(room_from_ct, np.array([one.entry_mm, one.target_mm]))
-            told = one.instrument
-            tasks.append(drill_task(one.name, ends[0], ends[1], room.tool, told.length_mm, told.diameter_mm))
-        surface, balls = transform_points(room_from_ct, surface_ct_mm), None
-        if markers is not None:
-            plan.frame.require(markers.frame)
-            places = transform_points(room_from_ct, markers.positions_mm)
-            radii = np.full(len(places), MARKER_RADIUS_MM) if radii_mm is None else radii_mm
-            balls = np.column_stack([places, radii])
-            tasks += [
-                view_task(name, at, center, room.camera) for name, at in zip(markers.labels, places, strict=True)
-            ]
-        tracker = None if room.tracker is None else np.array(room.tracker.position_mm)
-        if ots_from_ct is not None and room.tracker is not None:
-            tracker = (room_from_ct @ invert(ots_from_ct))[:3, 3]
-        return cls(arm, room, room_from_ct, tuple(tasks), world_of(room, surface, tracker, balls), plan.frame)
-
-    def problem(self, fineness: Fineness, tasks: Sequence[Task] | None = None) -> Problem:
-        """Return what bases are judged by, for all tasks or some."""
-        ways = ways_of(self.tasks if tasks is None else tasks, self.arm, fineness)
-        return Problem(machine_of(self.arm, self.room), self.world, ways, self.room.floor)
-
-    def base_of(self, robot_from_ct: Pose) -> FloatArray:
-        """Return room from R (4, 4) of a robot that was measured after parking.
-
-        Raises `FrameMismatchError` for a pose of another scan than the plan's, `InputError` for a base that lies.
-        """
-        R.require(robot_from_ct.to_frame)
-        self.frame.require(robot_from_ct.from_frame)
-        base = self.room_from_ct @ invert(robot_from_ct.matrix)
-        tilt_deg = float(np.degrees(np.arccos(np.clip(base[2, 2], -1.0, 1.0))))
-        if tilt_deg > LARGEST_TILT_DEG:
-            raise InputError(
-                f"the robot's base is tilted by {tilt_deg:.0f} degrees in the room; expected {LARGEST_TILT_DEG:g} or "
-                "less: check the head's anterior and superior in the room, and that R's z axis points up"
-            )
-        return base
-
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """What makes the head look as if it lay otherwise than the room says."""
-        if self.room.tracker is None:
-            return ()
-        stated, placed = np.array(self.room.tracker.position_mm), self.world.tracker
-        apart_mm = float(np.linalg.norm(placed - stated))
-        if apart_mm <= TRACKER_APART_MM:
-            return ()
-        told = ", ".join(f"{value:.0f}" for value in placed)
-        return (
-            f"by the registration the tracker stands at ({told}) in the room, {apart_mm:.0f} mm from where [tracker] "
-            "has it; the former counts: check the head's center, anterior and superior, and the tracker's place",
-        )
-
-    @property
-    def body_names(self) -> tuple[str, ...]:
-        """The names of the machine's bodies."""
-        of_links = clad(self.arm, self.room.arm_bodies).bodies
-        return (*(one.name for one in of_links), *(one.name for one in self.room.tool.bodies))
-
-    @property
-    def thing_names(self) -> tuple[str, ...]:
-        """The names of what stands in the room, and under the robot."""
-        boxes, capsules, under = self.room.boxes, self.room.capsules, self.room.floor.trolley
-        return (
-            *(one.name for one in boxes),
-            *(one.name for one in capsules),
-            *(one.name for one in under),
-            "the floor",
-        )
 
 
 def find_places(job: Job) -> Placement:

@@ -207,7 +207,7 @@ def test_a_singular_posture_is_where_the_jacobian_loses_a_direction() -> None:
 
 
 def test_links_are_placed_alike_by_the_compiled_kernel() -> None:
-    from ronnaplan.robot.arm.compiled import place_links
+    from ronnaplan.robot.arm.links import place_links
 
     arm = kr6_r900()
     angles = random_angles(arm, 1, seed=6)[0]

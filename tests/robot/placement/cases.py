@@ -6,7 +6,7 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.arm.kuka import kr6_r900
-from ronnaplan.robot.placement.placement import Job
+from ronnaplan.robot.placement.job import Job
 from ronnaplan.robot.placement.room import Box, Capsule, Floor, HeadPose, Room, Tool, ToolMarker, Tracker
 from ronnaplan.robot.placement.tasks import drill_task, view_task
 from ronnaplan.robot.placement.world import world_of

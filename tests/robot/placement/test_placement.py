@@ -22,9 +22,10 @@ from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.arm.quality import joint_margins_deg, singularity_deg
 from ronnaplan.robot.placement.blocking import turned_entries
 from ronnaplan.robot.placement.clearances import to_head
+from ronnaplan.robot.placement.job import Job
 from ronnaplan.robot.placement.machine import machine_of
 from ronnaplan.robot.placement.parking import strayed
-from ronnaplan.robot.placement.placement import COARSE, Job, Placement, check_parked, find_places
+from ronnaplan.robot.placement.placement import COARSE, Placement, check_parked, find_places
 from ronnaplan.robot.placement.room import Box, Capsule, Floor, HeadPose, Margins, Parking
 from ronnaplan.robot.placement.route import Route, plan_route
 from ronnaplan.robot.placement.search import Problem, asking, base_pose, grid, within, worths
