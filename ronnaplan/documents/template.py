@@ -105,7 +105,7 @@ class TemplateDocument(DocumentModel):
 
 
 def read_template(path: str | os.PathLike[str]) -> Template:
-    """Read and check a template file; raises `InputError` naming what is wrong."""
+    """Read and check template.json, for `localize`; raises `InputError` naming the first field that is wrong."""
     return read_template_document(path).template
 
 

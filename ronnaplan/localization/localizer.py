@@ -78,7 +78,7 @@ def localize(
     found exactly once.
     """
     check_type(volume, CTVolume, "the volume", "read_ct returns one")
-    check_type(template, (Template, type(None)), "the template", "documents.template.read_template returns one")
+    check_type(template, (Template, type(None)), "the template", "documents.read_template returns one")
     check_type(marker, Build, "the marker", "Build.parse('shell:1') returns one")
     diameters = check_request(diameter_mm, expected, marker)
     with ThreadPoolExecutor(1) as beside:
