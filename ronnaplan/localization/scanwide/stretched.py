@@ -21,9 +21,10 @@ from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.examine import Examined, distinct
 from ronnaplan.localization.fit.parameters import W
-from ronnaplan.localization.judge.motion import LEAST_TOGETHER, MEDIAN_SPREAD
+from ronnaplan.localization.judge.motion import LEAST_TOGETHER
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanwide.ellipsoid import Ellipsoid, ellipsoid_at
+from ronnaplan.localization.scanwide.moving import MEDIAN_SPREAD
 
 LEAST_WRONG = 0.04
 """What is longer by less than this share, or sheared by less than this tangent, is found as a ball."""

@@ -11,7 +11,7 @@ import numpy as np
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.examine import Examined
 from ronnaplan.localization.fit.parameters import BLUR, EDGE, WIDTH, W, edge_variance_mm2
-from ronnaplan.localization.judge.motion import LEAST_TOGETHER, suspected
+from ronnaplan.localization.judge.motion import LEAST_TOGETHER
 from ronnaplan.localization.judge.uncertainty import (
     ASIDE,
     MOST_ASIDE,
@@ -25,6 +25,7 @@ from ronnaplan.localization.judge.uncertainty import (
 from ronnaplan.localization.scanner.beat import DISPLACED_SHARE
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanner.summed import slope_beside_per_mm
+from ronnaplan.localization.scanwide.moving import suspected
 from ronnaplan.localization.scanwide.smear import are_smeared
 from ronnaplan.localization.scanwide.usual import usual_misfit
 
