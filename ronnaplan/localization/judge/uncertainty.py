@@ -19,13 +19,12 @@ sources, each with one weight of `WEIGHTS`.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.build import SIZE_TOLERANCE_MM, is_off_size
+from ronnaplan.localization.build import is_off_size
 from ronnaplan.localization.fit.algebra import inverse
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.cells import direction_cells
@@ -44,7 +43,7 @@ from ronnaplan.localization.fit.parameters import (
     profile_half_mm,
 )
 from ronnaplan.localization.fit.shading import QUANTIZATION_NOISE_HU, UNEVEN
-from ronnaplan.localization.judge.motion import LEAST_TOGETHER, Movement
+from ronnaplan.localization.judge.motion import Movement
 
 CUT_OFF_SHARE = 0.6
 """Half of the air at a scale's lower end is cut off, and the other half tells its noise; of air below it, more is."""
@@ -66,12 +65,6 @@ WEIGHTS = {"slices": 0.64, "odd": 1.0, "pole": 1.4e-6, "least": 0.31e-6}
 mm^2. Fitted by `scripts/fit_uncertainty` to the errors on simulated patients and on balls in real scans, and tested on
 scanners that were left out. But for ``odd``: what a head that moves along a line in a turn adds to the third harmonic
 is as much as it moves the center from its mean place."""
-
-MEDIAN_SHARE = 0.69
-"""Median of a mean square of few normal values, as a share of its expectation (of two: ln 2)."""
-
-NEAR = 5
-"""So many markers of a cone beam, those nearest in height, tell what is usual at their height."""
 
 SCREW_PULL_MM, SCREW_PULL_WIDTH = 0.012, 0.004
 """Standard error along a post that a screw holds, and of a ball that is metal itself: a constant, and a share of the
@@ -101,10 +94,6 @@ HIDDEN_SHADING = 0.001
 """Standard error, as a share of the radius, where clipping hides how the ball is shaded. The head hardens the beam on
 one side of it, and the larger it is, the more its two sides differ: 4 to 6 um were seen in balls of 8 mm, nothing in
 those of 3 mm."""
-
-UNUSUAL = 3.0
-"""A diameter is unlike the others' where it is off their median by so many of their own standard deviations, or larger
-than the smallest third by so many standard errors: it is told about as well as a center along one axis."""
 
 ASIDE, MOST_ASIDE = 0.5, 0.75
 """A film that thins out towards the other side displaces a fitted center by the first share of what it adds to the
@@ -166,43 +155,6 @@ def sources(fit: BallFit, moved: Movement) -> dict[str, FloatArray]:
     }
 
 
-def usual_odd_mm2(movements: Sequence[Movement], heights_mm: FloatArray | None = None) -> FloatArray | None:
-    """What is usual in a scan of `Movement.odd_mm2`, (M, 3); None where there are fewer than `LEAST_TOGETHER` markers.
-
-    Cone beams bend what stands higher or lower more: where ``heights_mm`` (M,) are given and those nearest show more,
-    that is usual there.
-    """
-    if len(movements) < LEAST_TOGETHER:
-        return None
-    odd_mm2 = np.array([moved.odd_mm2 for moved in movements])
-    usual_mm2 = np.tile(np.median(odd_mm2, axis=0) / MEDIAN_SHARE, (len(movements), 1))
-    if heights_mm is None:
-        return usual_mm2
-    nearest = np.argsort(np.abs(heights_mm[:, np.newaxis] - heights_mm), axis=1)[:, :NEAR]
-    most_mm2: FloatArray = np.maximum(usual_mm2, odd_mm2[nearest].mean(axis=1))
-    return most_mm2
-
-
-def with_usual(covariance_mm2: FloatArray, moved: Movement, usual_mm2: FloatArray, axes: FloatArray) -> FloatArray:
-    """Return the covariance (3, 3) with the mean of its own odd bending and the usual (3,) in place of its own.
-
-    Two to four amplitudes a marker tell little alone. ``axes`` (3, 3) are u, v, w in LPS.
-    """
-    change = WEIGHTS["odd"] * (usual_mm2 - moved.odd_mm2) / 2.0
-    pooled: FloatArray = covariance_mm2 + axes.T @ np.diag(change) @ axes
-    return pooled
-
-
-def with_usual_lag(covariance_mm2: FloatArray, theta: FloatArray, usual: float, axes: FloatArray) -> FloatArray:
-    """Return the covariance (3, 3) with what lag adds where the scan's markers are usually blurred by a panel.
-
-    ``usual`` is the median of `by_panel`. Slices that are thin beside the blur tell little of their profile's shape.
-    """
-    more = max(usual - by_panel(theta), 0.0)
-    added: FloatArray = covariance_mm2 + LAG_MM**2 * more * axes.T @ WITHIN @ axes
-    return added
-
-
 def hidden_shading_mm2(fit: BallFit) -> float:
     """Variance (mm^2), in every direction, of a ball whose shading is hidden; 0 of others."""
     return 0.0 if fit.is_shaded else (HIDDEN_SHADING * float(fit.theta[RADIUS])) ** 2
@@ -216,34 +168,6 @@ def by_excess(fit: BallFit) -> FloatArray:
     axes, toward = fit.neighbourhood.axes, fit.center_by_radius / 2.0
     aside: FloatArray = axes.T @ (ASIDE**2 / 3.0 * np.eye(3) + np.outer(toward, toward)) @ axes
     return aside
-
-
-def beyond_usual_mm(excesses_mm: FloatArray, errors_mm: FloatArray) -> FloatArray:
-    """By how much each diameter (M,) is off what the scan's markers have in common; 0 where that is no more than usual.
-
-    A scanner's kernel makes all of them alike, to a few micrometres in thin slices, so this tells a film that is too
-    thin to make a marker's diameter another than the stated one. What does make it so, is counted already. Films only
-    add: what is larger than the smallest third by more than ``errors_mm`` (M,) tell, the errors of the centers along
-    one axis, is not bare, however many there are of it. Where most are off the stated diameter, the others are not
-    believed either.
-    """
-    plain = np.abs(excesses_mm) <= SIZE_TOLERANCE_MM
-    if len(plain) >= LEAST_TOGETHER and 2 * np.count_nonzero(plain) <= len(plain):
-        return np.where(plain, excesses_mm, 0.0)
-    if np.count_nonzero(plain) < LEAST_TOGETHER:
-        return np.zeros(len(plain))
-    apart_mm = np.where(plain, excesses_mm - np.median(excesses_mm[plain]), 0.0)
-    usual_mm = UNUSUAL * robust_spread(apart_mm[plain])
-    apart_mm[np.abs(apart_mm) <= min(usual_mm, SIZE_TOLERANCE_MM)] = 0.0
-    bare = max((int(plain.sum()) - 1) // 3, 1)  # not the very smallest, which noise may have made so
-    larger_mm = np.where(plain, excesses_mm - np.sort(excesses_mm[plain])[bare], 0.0)
-    larger_mm[larger_mm <= UNUSUAL * np.median(errors_mm[plain])] = 0.0
-    return np.where(apart_mm == 0.0, larger_mm, apart_mm)
-
-
-def robust_spread(values: FloatArray) -> float:
-    """Standard deviation of ``values`` (N,) by their median absolute deviation: a minority does not disturb it."""
-    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
 
 
 def cramer_rao_bound(fit: BallFit, noise_hu: float) -> FloatArray:

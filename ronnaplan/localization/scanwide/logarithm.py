@@ -18,10 +18,10 @@ from ronnaplan.localization.examine import Examined, distinct, fit_place
 from ronnaplan.localization.fit.descent import residuals_and_jacobian
 from ronnaplan.localization.fit.parameters import WIDTH
 from ronnaplan.localization.judge.motion import LEAST_TOGETHER
-from ronnaplan.localization.judge.uncertainty import robust_spread
 from ronnaplan.localization.scanner.hardened import Head
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanner.summed import ALIKE_VOXELS, Summed, what_is_lost_hu
+from ronnaplan.localization.scanwide.usual_errors import robust_spread
 from ronnaplan.threads import in_threads, single_threaded_algebra
 
 THICK_MM = 1.2

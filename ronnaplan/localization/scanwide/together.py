@@ -12,22 +12,20 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.examine import Examined
 from ronnaplan.localization.fit.parameters import BLUR, EDGE, WIDTH, W, edge_variance_mm2
 from ronnaplan.localization.judge.motion import LEAST_TOGETHER
-from ronnaplan.localization.judge.uncertainty import (
-    ASIDE,
-    MOST_ASIDE,
-    beyond_usual_mm,
-    by_panel,
-    robust_spread,
-    usual_odd_mm2,
-    with_usual,
-    with_usual_lag,
-)
+from ronnaplan.localization.judge.uncertainty import ASIDE, MOST_ASIDE, by_panel
 from ronnaplan.localization.scanner.beat import DISPLACED_SHARE
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanner.summed import slope_beside_per_mm
 from ronnaplan.localization.scanwide.moving import suspected
 from ronnaplan.localization.scanwide.smear import are_smeared
 from ronnaplan.localization.scanwide.usual import usual_misfit
+from ronnaplan.localization.scanwide.usual_errors import (
+    beyond_usual_mm,
+    robust_spread,
+    usual_odd_mm2,
+    with_usual,
+    with_usual_lag,
+)
 
 LOWEST_CUTOFF_PER_MM = 0.6
 """No kernel passes nothing above so low a frequency: the softest of scanners end at 0.7 / mm. What is wrapped around

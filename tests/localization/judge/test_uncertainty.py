@@ -31,10 +31,9 @@ from ronnaplan.localization.judge.uncertainty import (
     noise_level,
     pulled_mm2,
     shared_noise,
-    usual_odd_mm2,
-    with_usual,
 )
 from ronnaplan.localization.scanner.scan import Scan
+from ronnaplan.localization.scanwide.usual_errors import MEDIAN_SHARE, usual_odd_mm2, with_usual
 from ronnaplan.localization.search.look import held_by
 from tests.scans import balls, bent, scan, small_stack
 
@@ -172,7 +171,7 @@ def test_what_bends_the_other_markers_of_a_scan_counts_in_each_of_them(quiet: CT
     own = center_covariance(fit_of(noisy), straight)
     turned = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # u, v, w along y, z, x
     added = with_usual(own, straight, usual_mm2[0], turned) - own
-    expected = uncertainty.WEIGHTS["odd"] * (curved.odd_mm2 / uncertainty.MEDIAN_SHARE - straight.odd_mm2) / 2
+    expected = uncertainty.WEIGHTS["odd"] * (curved.odd_mm2 / MEDIAN_SHARE - straight.odd_mm2) / 2
     assert np.allclose(added, turned.T @ np.diag(expected) @ turned)
 
 

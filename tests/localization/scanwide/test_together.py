@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from ronnaplan.localization.examine import Examined
-from ronnaplan.localization.judge.uncertainty import LAG_MM, beyond_usual_mm
+from ronnaplan.localization.judge.uncertainty import LAG_MM
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanwide.together import together
+from ronnaplan.localization.scanwide.usual_errors import beyond_usual_mm
 from tests.localization.scanwide.shown import at
 
 
