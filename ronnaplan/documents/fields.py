@@ -153,7 +153,7 @@ def _is_unit(vector: Vector) -> Vector:
 
 
 Direction = Annotated[Vector, AfterValidator(_is_unit)]
-"""Unit vector in LPS."""
+"""Unit vector."""
 Covariance = Annotated[Matrix3, AfterValidator(_definite)]
 """Covariance of a place, mm^2."""
 MarkerCovariance = Annotated[Covariance, AfterValidator(_near)]

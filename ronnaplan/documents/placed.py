@@ -9,15 +9,15 @@ import numpy as np
 from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.placement import PathEntry, PlacementDocument
 from ronnaplan.documents.reading import made
-from ronnaplan.geometry import FloatArray, Points
+from ronnaplan.geometry import FloatArray, Points, unit
 from ronnaplan.planning import Plan
 from ronnaplan.pose import transform_points
 from ronnaplan.robot.arm.arm import SerialArm
-from ronnaplan.robot.arm.forward import link_frames
+from ronnaplan.robot.arm.forward import forward, link_frames
 from ronnaplan.robot.arm.wrist import center_mm, shoulder_mm, stretched_mm, wrist_of
 from ronnaplan.robot.placement.machine import bodies_of
 from ronnaplan.robot.placement.placement import Place, Placement
-from ronnaplan.robot.placement.room import Box, Room
+from ronnaplan.robot.placement.room import Box, Room, Tool
 from ronnaplan.robot.placement.serving import Served
 
 
@@ -41,13 +41,21 @@ def placement_document(
             {"label": label, "center": center.tolist()}
             for label, center in (zip(markers.labels, markers.positions_mm, strict=True) if markers else ())
         ],
+        "standoff_mm": room.tool.standoff_mm,
         "arm": arm.name,
         "joints": arm.joints if arm.held else None,
         "held": [
             {"joint": one.joint, "angle_deg": round(float(np.degrees(one.angle_rad)), 9)} for one in arm.held
         ],
         "parking": {"sigma_mm": room.parking.sigma_mm, "sigma_deg": room.parking.sigma_deg},
-        "robot_from_ct": [{**_place(found, place), "robot": _robot(arm, room, place)} for place in found.places],
+        "robot_from_ct": [
+            {
+                **_place(found, place),
+                "tasks": [_served(one, arm, room.tool) for one in place.served],
+                "robot": _robot(arm, room, place),
+            }
+            for place in found.places
+        ],
         "room": {
             "boxes": [_box(one) for one in room.boxes],
             "capsules": [
@@ -68,7 +76,6 @@ def _place(found: Placement, place: Place) -> dict[str, Any]:
         "room_from_r": place.room_from_r.tolist(),
         "worst_margin_deg": place.worst_joint_deg,
         "probability": place.probability,
-        "tasks": [_served(one) for one in place.served],
         "route": {
             "order": route.order,
             "travel_deg": route.travel_deg,
@@ -115,7 +122,7 @@ def _box(one: Box) -> dict[str, Any]:
     return {"name": one.name, "center": one.center_mm, "size": one.size_mm, "turn_deg": one.turn_deg}
 
 
-def _served(one: Served) -> dict[str, Any]:
+def _served(one: Served, arm: SerialArm, tool: Tool) -> dict[str, Any]:
     return {
         "name": one.name,
         "kind": one.kind,
@@ -124,4 +131,15 @@ def _served(one: Served) -> dict[str, Any]:
         "singularity_deg": one.singularity_deg,
         "clearance_mm": one.clearance_mm,
         "tracker_deg": one.tracker_deg if np.isfinite(one.tracker_deg) else None,
+        "x_axis": _x_axis(one, arm, tool) if one.kind == "trajectory" else None,
     }
+
+
+def _x_axis(one: Served, arm: SerialArm, tool: Tool) -> tuple[float, ...] | None:
+    """Return where the tool's x axis points in R (3,) along a trajectory, by the angles that are told with it."""
+    if tool.x_axis is None:
+        return None
+    z = unit(tool.direction)
+    x = unit(tool.x_axis)
+    turned = forward(arm, np.radians(one.angles_deg[-1]))[:3, :3] @ unit(x - z * (x @ z))
+    return tuple(turned.tolist())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -11,6 +12,7 @@ from pydantic import Field, FiniteFloat, SerializerFunctionWrapHandler, model_se
 from ronnaplan.documents.agreement import SAME_CENTER_MM
 from ronnaplan.documents.fiducials import FiducialEntry, Source
 from ronnaplan.documents.fields import (
+    Direction,
     DocumentModel,
     Label,
     LengthMm,
@@ -31,13 +33,28 @@ from ronnaplan.geometry import Frame
 from ronnaplan.planning import Trajectory
 from ronnaplan.pose import as_pose
 
+ACROSS = 1e-6
+"""Largest cosine between a trajectory and a direction across it: round-off of what is written."""
 MOST_HELD = 100
 """No arm has so many joints to hold."""
 Degrees = Annotated[float, Field(ge=-720, le=720)]
 
 
-class ServedEntry(DocumentModel):
+class _Grown(DocumentModel):
+    """What has fields, the ``newer`` ones, that older readers do not know: where empty they are not written."""
+
+    newer: ClassVar[tuple[str, ...]]
+
+    @model_serializer(mode="wrap")
+    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        content: dict[str, Any] = write(self)
+        return {key: value for key, value in content.items() if value or key not in self.newer}
+
+
+class ServedEntry(_Grown):
     """One task: the joints all along its way (degrees) and the least margins on it."""
+
+    newer = ("x_axis",)
 
     name: Label
     kind: Literal["trajectory", "marker"]
@@ -46,6 +63,8 @@ class ServedEntry(DocumentModel):
     singularity_deg: Degrees
     clearance_mm: FiniteFloat
     tracker_deg: Degrees | None = None
+    x_axis: Direction | None = None
+    """Of a trajectory: where the tool's x axis points in R all along it, if the room told which axis that is."""
 
 
 class RouteEntry(DocumentModel):
@@ -74,17 +93,6 @@ class RobotEntry(DocumentModel):
     shoulder: Vector
     reach: LengthMm
     """Of the arm stretched, from its first axis to where an instrument leaves its holder."""
-
-
-class _Grown(DocumentModel):
-    """What has fields, the ``newer`` ones, that older readers do not know: where empty they are not written."""
-
-    newer: ClassVar[tuple[str, ...]]
-
-    @model_serializer(mode="wrap")
-    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        content: dict[str, Any] = write(self)
-        return {key: value for key, value in content.items() if value or key not in self.newer}
 
 
 class PathEntry(DocumentModel):
@@ -174,7 +182,7 @@ class PlacementDocument(_Grown):
     own. Otherwise neither is written, and the angles are those of all joints in their order.
     """
 
-    newer = ("joints", "held", "trajectories", "markers", "notes")
+    newer = ("joints", "held", "trajectories", "markers", "standoff_mm", "notes")
 
     format: Literal["ronnaplan.placement"]
     version: Literal[1]
@@ -186,6 +194,8 @@ class PlacementDocument(_Grown):
     """What was to be served."""
     markers: tuple[MarkerEntry, ...] = ()
     """Those that were to be served, too."""
+    standoff_mm: LengthMm = 0.0
+    """Trajectories were looked at from so far before their entries."""
     arm: Label
     joints: tuple[Label, Label, Label, Label, Label, Label] | None = None
     held: tuple[HeldEntry, ...] = Field(default=(), max_length=MOST_HELD)
@@ -207,13 +217,31 @@ class PlacementDocument(_Grown):
         if (self.joints is None) == bool(self.held):
             raise ValueError("joints that turn and joints that are held do not stand together")
         require_different_names("joints", [*(self.joints or ()), *(one.joint for one in self.held)])
+        for place in self.robot_from_ct:
+            self._check_x_axes(place)
         return self
+
+    def _check_x_axes(self, place: PlaceEntry) -> None:
+        along = {one.name: np.subtract(one.target, one.entry) for one in self.trajectories}
+        for task in place.tasks:
+            if task.x_axis is None:
+                continue
+            if task.kind != "trajectory" or task.name not in along:
+                raise ValueError(f"the {task.kind} {task.name} has an x_axis, but is none of the trajectories")
+            in_r = np.array(place.r_from_ct)[:3, :3] @ along[task.name]
+            if abs(in_r @ task.x_axis) > ACROSS * np.linalg.norm(in_r):
+                raise ValueError(f"the x_axis of {task.name} is not perpendicular to its trajectory")
 
     @property
     def arm_text(self) -> str:
         """The arm, and what of it is held."""
         told = [f"{one.joint} held at {one.angle_deg:g} degrees" for one in self.held]
         return f"{self.arm}, {' and '.join(told)}" if told else self.arm
+
+    def not_known(self, trajectories: Iterable[Trajectory]) -> list[str]:
+        """Return the names of those of ``trajectories`` that were not served, or not as they are now."""
+        known = {one.name: one for one in self.trajectories}
+        return [one.name for one in trajectories if known.get(one.name) != PathEntry.of(one)]
 
     @property
     def ct_frame(self) -> Frame:

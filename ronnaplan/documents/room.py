@@ -131,8 +131,23 @@ class ToolEntry(DocumentModel):
     start: Vector = parts.Tool.start_mm
     direction: Pointing = parts.Tool.direction
     standoff_mm: StandoffMm = parts.Tool.standoff_mm
+    x_axis: Pointing | None = None
     body: tuple[CapsuleEntry, ...] = Field(default=(), max_length=MOST_THINGS)
     marker: ToolMarkerEntry | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        try:
+            self.tool()
+        except InputError as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    def tool(self) -> parts.Tool:
+        """The tool."""
+        told, bodies = self.marker, tuple(one.capsule for one in self.body)
+        marker = None if told is None else parts.ToolMarker(told.at, told.normal, told.seen_deg)
+        return parts.Tool(self.start, self.direction, self.standoff_mm, bodies, marker, self.x_axis)
 
 
 class CameraEntry(DocumentModel):
@@ -213,18 +228,12 @@ class RoomDocument(DocumentModel):
     @property
     def room(self) -> parts.Room:
         """The room."""
-        base, tool, camera = self.base, self.tool, self.camera
-        marker = (
-            None
-            if tool.marker is None
-            else parts.ToolMarker(tool.marker.at, tool.marker.normal, tool.marker.seen_deg)
-        )
-        bodies = tuple(one.capsule for one in tool.body)
+        base, camera = self.base, self.camera
         return parts.Room(
             head=self.head.pose(),
             floor=parts.Floor(base.x, base.y, base.z, base.turn_deg, tuple(one.box for one in base.trolley)),
             tracker=None if self.tracker is None else _tracker(self.tracker),
-            tool=parts.Tool(tool.start, tool.direction, tool.standoff_mm, bodies, marker),
+            tool=self.tool.tool(),
             camera=parts.Camera(camera.tcp, camera.direction, camera.tilt_deg, camera.standoff_mm),
             boxes=tuple(one.box for one in self.box),
             capsules=tuple(one.capsule for one in self.capsule),

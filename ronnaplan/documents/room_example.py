@@ -43,6 +43,7 @@ beam_mm = 30                    # free radius about a line of sight
 start = [0, 0, 120]             # where the instrument leaves its holder; its usable length counts from here
 direction = [0, 0, 1]
 standoff_mm = 30                # it begins so far before the entry
+# x_axis = [1, 0, 0]            # what the robot's controller calls x of the tool, for `robot export --placement`
 [[tool.body]]
 name = "holder"
 start = [0, 0, 20]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ronnaplan.case.folder import Case
-from ronnaplan.documents.placement import PathEntry, PlaceEntry, PlacementDocument
+from ronnaplan.documents.placement import PlaceEntry, PlacementDocument
 from ronnaplan.planning.rows import number
 from ronnaplan.report.html import element, picture, table
 from ronnaplan.report.part import Part
@@ -94,9 +94,7 @@ def _warnings(case: Case, found: PlacementDocument, best: PlaceEntry) -> list[st
     told = [f"the robot's place: {note}" for note in found.notes]
     told += [f"the robot has no free way to {name}" for name in best.route.stuck]
     told += [f"on the robot, {sentence}" for sentence in best.near]
-    known = {one.name: one for one in found.trajectories}
-    new = [one.name for one in case.plan or () if known.get(one.name) != PathEntry.of(one)]
-    changed = [f"trajectory {name}" for name in new] + [
+    changed = [f"trajectory {name}" for name in found.not_known(case.plan or ())] + [
         f"marker {label}" for label in _found_anew(case, found, best)
     ]
     return told + [

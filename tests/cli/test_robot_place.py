@@ -17,6 +17,8 @@ from ronnaplan.ct import read_ct
 from ronnaplan.documents.placement import read_placement
 from ronnaplan.documents.room_example import EXAMPLE
 from ronnaplan.geometry import FloatArray
+from ronnaplan.robot.arm.inverse import inverse
+from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.placement.room import Room
 from ronnaplan.robot.placement.world import World, world_of
 from tests import cases
@@ -83,6 +85,90 @@ def test_a_place_is_found_and_checked_after_parking(
     (tmp_path / "chain.json").write_text(json.dumps(chain))
     assert main([*case, "--chain", str(tmp_path / "chain.json"), "-o", str(output)]) == 1
     assert "1.2.3" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def parked(case: list[str], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Return plan, chain, and the placement at the base that it measured, with a tool turned in its flange."""
+    folder = tmp_path_factory.mktemp("parked")
+    files = {name: folder / f"{name}.json" for name in ("chain", "placement")}
+    files["room"] = folder / "room.toml"
+    files["plan"] = Path(case[case.index("--plan") + 1])
+    shown = "# x_axis = [1, 0, 0] "
+    files["room"].write_text(Path(case[-1]).read_text().replace(shown, "x_axis = [3, -4, 0] "))
+    assert "x_axis = [3, -4, 0] " in files["room"].read_text()
+    command = [*case[:-1], str(files["room"]), "-o", str(files["placement"])]
+    assert main([*command, "--parked", "-800", "-600", "900", "61"]) == 0
+    found = read_placement(files["placement"])
+    chain = parked_chain(found.source.model_dump(), found.robot_from_ct[0].r_from_ct)
+    files["chain"].write_text(json.dumps(chain))
+    assert main([*command, "--chain", str(files["chain"])]) == 0
+    return files
+
+
+def export(parked: dict[str, Path], *options: str, **others: Path) -> int:
+    files = {**parked, **others}
+    asked = ["robot", "export", str(files["chain"]), str(files["plan"])]
+    return main([*asked, "--placement", str(files["placement"]), *options])
+
+
+def test_what_is_exported_by_a_placement_brings_the_arm_into_its_posture(
+    parked: dict[str, Path], tmp_path: Path
+) -> None:
+    """The flange that the exported tool asks for, in closed form, and only with the roll that was looked at."""
+    out = tmp_path / "points.json"
+    assert export(parked, "-o", str(out)) == 0
+    (served,) = read_placement(parked["placement"]).robot_from_ct[0].tasks
+    (path,) = json.loads(out.read_text())["trajectories"]
+    flange_from_tip = np.eye(4)
+    flange_from_tip[:3, :3] = [[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, 1.0]]
+    flange_from_tip[2, 3] = 120.0 + 200.0  # the holder's and the instrument's, of the room and the plan
+    tips = np.array([path["approach"], path["target"]["robot_from_tool"]["matrix"]])
+    angles = np.degrees(inverse(kr6_r900(), tips @ np.linalg.inv(flange_from_tip)).angles_rad)
+    expected = np.array([served.joints_deg[0], served.joints_deg[-1]])
+    apart = np.abs((angles - expected[:, None] + 180.0) % 360.0 - 180.0).max(axis=-1)
+    assert np.nanmin(apart, axis=1) == pytest.approx([0.0, 0.0], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "told"),
+    [
+        (("status",), "placed", "the placement is placed; expected one from where the robot was parked"),
+        (("source", "frame_of_reference_uid"), "1.2.3", "1.2.3"),
+        (("robot_from_ct", 0, "r_from_ct", 0, 3), 1.0, "the placement has the scan elsewhere in R than the chain"),
+        (("trajectories", 0, "length_mm"), 150.0, "the placement does not serve LH as planned now"),
+        (("robot_from_ct", 0, "route", "stuck"), ["LH"], "the placement has no free way to LH"),
+        (("robot_from_ct", 0, "tasks", 0, "x_axis"), None, "state x_axis in [tool] of the room"),
+        (("robot_from_ct", 0, "tasks", 0, "x_axis"), [0.0, 0.0, 1.0], "is not perpendicular to its trajectory"),
+        (("robot_from_ct", 0, "tasks", 0, "name"), "RH", "has an x_axis, but is none of the trajectories"),
+    ],
+)
+def test_rolls_of_another_placement_are_refused(
+    parked: dict[str, Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    place: tuple[str | int, ...],
+    value: object,
+    told: str,
+) -> None:
+    written = json.loads(parked["placement"].read_text())
+    within = written
+    for key in place[:-1]:
+        within = within[key]
+    within[place[-1]] = value
+    (tmp_path / "placement.json").write_text(json.dumps(written))
+    assert export(parked, placement=tmp_path / "placement.json") == 1
+    assert told in capsys.readouterr().err
+
+
+def test_an_export_by_a_placement_begins_no_further_out_than_that_looked(
+    parked: dict[str, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert export(parked, "--approach", "30") == 0
+    assert export(parked, "--approach", "30.5") == 1
+    assert "--approach 30.5 lies further out than" in capsys.readouterr().err
+    assert export(parked, "--x-axis", "0", "1", "0") == 2
+    assert "not allowed with argument" in capsys.readouterr().err
 
 
 def test_what_stands_in_the_way_is_written_and_refused(

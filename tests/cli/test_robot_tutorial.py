@@ -17,8 +17,12 @@ from tests.cli.chains import parked_chain
 
 ROOT = Path(__file__).resolve().parents[2]
 HEADING = "### From a phantom scan to a placed robot and a printed template"
-EDITED = {"x = [-1100, 700]": "x = [-1100, -500]", "z = [800, 1000]": "z = [800, 800]"}
-"""A smaller floor of the room, as the page says: "and edit it"."""
+EDITED = {
+    "x = [-1100, 700]": "x = [-1100, -500]",
+    "z = [800, 1000]": "z = [800, 800]",
+    "# x_axis = [1, 0, 0]": "x_axis = [1, 0, 0]",
+}
+"""A smaller floor of the room, and the tool's x axis, as the page says: "and edit it"."""
 
 
 def commands() -> list[list[str]]:
@@ -65,3 +69,4 @@ def test_every_command_of_the_page_does_what_it_says(
     assert parked.status == "parked"
     bases_mm = [np.array(one.robot_from_ct[0].room_from_r)[:3, 3] for one in (placed, parked)]
     assert np.linalg.norm(bases_mm[1] - bases_mm[0]) < 60.0
+    assert main(["robot", "export", "chain.json", "plan.json", "--placement", "placement.json"]) == 0

@@ -50,6 +50,7 @@ def test_the_example_shows_how_an_arm_of_meshes_is_told(tmp_path: Path) -> None:
         ("center = [0, 0, 1050]", 'center = [0, 0, "1050"]', "head.center.2"),
         ("normal = [0, 1, -1]", "normal = [0, 0, 0]", "points somewhere"),
         ("radius = 20", "radius = 0", "capsule.0.radius"),
+        ("# x_axis = [1, 0, 0] ", "x_axis = [0, 1, 1] ", "tool: the tool's x_axis .* are not perpendicular"),
         ("direction = [0, 0, 1]", "direction = [1e-200, 0, 0]", "tool.direction: is .* points somewhere"),
         ("superior = [-1, 0, 0]", "superior = [0, 0, 0]", "head.superior: is .* points somewhere"),
         (

@@ -75,6 +75,9 @@ class Tool:
 
     An instrument is as long as it is usable, counted from ``start_mm``, along ``direction``. It begins
     ``standoff_mm`` before the entry. ``bodies`` are capsules in the flange's frame.
+
+    ``x_axis`` is the direction, across ``direction``, that the robot's controller calls x of the tool; None where
+    nobody told, as nothing here depends on it but what is exported to that controller.
     """
 
     start_mm: tuple[float, float, float] = (0.0, 0.0, 100.0)
@@ -82,6 +85,14 @@ class Tool:
     standoff_mm: float = 30.0
     bodies: tuple[Capsule, ...] = ()
     marker: ToolMarker | None = None
+    x_axis: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.x_axis is not None and abs(unit(self.x_axis) @ unit(self.direction)) > SQUARE:
+            raise InputError(
+                f"the tool's x_axis {self.x_axis} and direction {self.direction} are not perpendicular; expected two "
+                "directions at right angles"
+            )
 
 
 @dataclass(frozen=True)
