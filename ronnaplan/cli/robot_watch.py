@@ -31,6 +31,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--robot-device", metavar="NAME", help="device of the robot's poses of its TCP (default: the robot rests)"
     )
+    parser.add_argument(
+        "--head-device",
+        metavar="NAME",
+        help="device of the head's markers, where several show them (default: the only one)",
+    )
     parser.add_argument("--host", default="127.0.0.1", help="where the server runs (default %(default)s)")
     parser.add_argument("--port", type=whole(1, 65_535), default=18944, help="its port (default %(default)s)")
     parser.add_argument("--seconds", type=seconds, default=3600.0, help="how long to watch (default %(default)s)")
@@ -122,6 +127,7 @@ def _live(arguments: argparse.Namespace, chain: ChainDocument) -> LiveChain:
         arguments.sigma_ots,
         arguments.sigma_robot,
         arguments.sigma_robot_deg,
+        arguments.head_device,
     )
 
 

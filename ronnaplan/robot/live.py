@@ -21,6 +21,7 @@ from ronnaplan.registration.drift import DRIFT_PROBABILITY
 from ronnaplan.robot.chain import OTS, Capture, robot_from_ct
 from ronnaplan.robot.recorded import resting_matrix, robot_pose, seen_tool, tool_poses
 from ronnaplan.sigmas import SIGMA_OTS_MM, SIGMA_ROBOT_DEG, SIGMA_ROBOT_MM
+from ronnaplan.text import listed
 from ronnaplan.tracking import Recording
 from ronnaplan.tracking.frames import labelled_frames
 from ronnaplan.tracking.recording import OK
@@ -80,7 +81,8 @@ class LiveChain:
 
     ``head`` are the markers (OTS) and ``ots_from_ct`` the pose of the registration, ``capture`` is the moment of the
     chain, ``tool`` its spheres in M. ``tool_device`` names the tool's poses in the stream (None: the only ones),
-    ``robot_device`` those of R from TCP (None: the robot rests as it did).
+    ``robot_device`` those of R from TCP (None: the robot rests as it did), ``head_device`` what sends the head's
+    markers (None: the only one that shows them).
     """
 
     head: Points
@@ -92,16 +94,18 @@ class LiveChain:
     sigma_mm: float = SIGMA_OTS_MM
     sigma_robot_mm: float = SIGMA_ROBOT_MM
     sigma_robot_deg: float = SIGMA_ROBOT_DEG
+    head_device: str | None = None
 
     def __post_init__(self) -> None:
         OTS.require(self.head.frame)
         self._followed = self.head
+        self._showing: set[str] = set()
 
     def judge(self, recording: Recording) -> Moment:
         """Return what the readings of one moment tell of head and robot."""
         try:
             seen = self._seen_head(recording)
-        except InputError as error:  # more readings than a tracker makes
+        except InputError as error:  # more readings than a tracker makes, or more devices than one
             return unseen(str(error))
         head = check_drift(self.head, seen) if seen is not None else None
         try:
@@ -118,17 +122,37 @@ class LiveChain:
         return Moment(status, head, robot, robot_from_ct(self.ots_from_ct, capture) if valid else None)
 
     def _seen_head(self, recording: Recording) -> Points | None:
-        """Return the head's markers in the last frame that shows three or more, followed from moment to moment."""
-        frames = [points for _, points in labelled_frames(recording, self._followed, sigma_mm=self.sigma_mm)]
-        enough = [points for points in frames if len(points) >= 3]
+        """Return the head's markers in the last frame that shows three or more, followed from moment to moment.
+
+        Raises `InputError` where several devices have shown them: one may lag behind, or repeat what is over.
+        """
+        devices = {one.frame: one.device for one in recording.points}
+        if self.head_device is not None:
+            recording = self._of_head_device(recording)
+        frames = labelled_frames(recording, self._followed, sigma_mm=self.sigma_mm)
+        enough = [points for _, points in frames if len(points) >= 3]
         if not enough:
             return None
+        self._showing |= {devices[number] for number, points in frames if len(points) >= 3}
+        if len(self._showing) > 1:
+            raise InputError(
+                f"several devices show the head's markers ({listed(sorted(self._showing))}), and may contradict each "
+                "other; name the one that counts (--head-device)"
+            )
         places = dict(zip(self._followed.labels, self._followed.positions_mm, strict=True))
         places.update(zip(enough[-1].labels, enough[-1].positions_mm, strict=True))
         self._followed = replace(
             self._followed, positions_mm=np.array([places[one] for one in self._followed.labels])
         )
         return enough[-1]
+
+    def _of_head_device(self, recording: Recording) -> Recording:
+        """Return the recording without other devices' points; raises `InputError` where there are none but theirs."""
+        own = tuple(one for one in recording.points if one.device == self.head_device)
+        if recording.points and not own:
+            others = listed(sorted({one.device for one in recording.points}))
+            raise InputError(f"no points come from the device {self.head_device}, but from {others}")
+        return replace(recording, points=own)
 
     def _capture(self, recording: Recording) -> Capture:
         """Return the moment's chain from tracker to robot; raises where the tool is not seen or the arm moves."""

@@ -242,7 +242,8 @@ class Stream:
         finite = np.asarray(np.isfinite(places).all(axis=1))
         for name, place, good in zip(items["name"].tolist(), places, finite.tolist(), strict=True):
             status = OK if good else "no position"
-            self.points.append(PointReading(self._point_frames, place, text(name), message.time_s, None, status))
+            label, time_s, device = text(name), message.time_s, message.device
+            self.points.append(PointReading(self._point_frames, place, label, time_s, None, status, device))
         self._point_frames += 1
 
     def _take_transform(self, message: Message, body: bytes) -> None:

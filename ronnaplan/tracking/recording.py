@@ -51,9 +51,11 @@ class PointReading:
     sigma_mm: float | None = None
     """Standard deviation per axis, where the source states one."""
     status: str = OK
+    device: str = ""
+    """Which of a stream's devices sent it."""
 
     def __post_init__(self) -> None:
-        _make_plain(self, "label", "status")
+        _make_plain(self, "label", "status", "device")
         if np.shape(self.position_mm) != (3,):
             raise InputError(f"a reading's position has shape {np.shape(self.position_mm)}; expected (3,), in mm")
         if self.status == OK and self.sigma_mm is not None:

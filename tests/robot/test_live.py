@@ -259,6 +259,42 @@ def test_a_tool_that_is_repeated_under_new_times_is_not_seen(
     assert (told[0], told[-1]) == ("valid", "unseen")
 
 
+@pytest.mark.parametrize(
+    ("named", "told", "why"),
+    [
+        (None, ["unseen"], "several devices show the head's markers (copy, head)"),
+        ("head", ["valid", "head_moved", "unseen"], "the head moved"),
+        ("had", ["unseen"], "no points come from the device had, but from copy, head"),
+    ],
+)
+def test_of_two_devices_that_show_the_head_none_counts_unless_it_is_named(
+    room: LiveRoom,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    named: str | None,
+    told: list[str],
+    why: str,
+) -> None:
+    """The head moves, further than it is followed in one step, and what comes last shows it where it was."""
+    leapt = placed(Rotation.identity(), np.array([30.0, 0, 0]))
+
+    def send(listener: socket.socket) -> None:
+        connection, _ = listener.accept()
+        with connection:
+            for frame in range(round(3 * RATE_HZ)):
+                time_s = 1e9 + frame / RATE_HZ
+                moved = (np.eye(4), TURN, leapt)[int(frame / RATE_HZ)]
+                for message in replace(room, head_moved=moved).messages(time_s):
+                    connection.sendall(message)
+                copy = pyigtl.PointMessage(positions=room.head_mm(), device_name="copy", timestamp=time_s)
+                connection.sendall(copy.pack())
+
+    options = [] if named is None else [f"--head-device={named}"]
+    _, out = watched(room, tmp_path, send, *options)
+    assert statuses(out) == told
+    assert why in capsys.readouterr().err
+
+
 def test_an_error_of_poses_that_are_not_read_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
     named = [f"--{name}=x.json" for name in ("chain", "registration", "geometry")]
     assert main(["robot", "watch", *named, "--sigma-robot-deg=1"]) == 2
