@@ -48,9 +48,9 @@ class CameraEntry(DocumentModel):
     rig_from_camera: Matrix4
     size: tuple[Pixels, Pixels] | None = None
     """Columns and rows of its images; not told by versions up to 0.2."""
-    reach: Ratio | None = None
-    """How far out boards were seen, of the way from its images' middle to their corners; not told by versions up to
-    0.2, whose spheres are measured anywhere."""
+    reach: tuple[Ratio, Ratio, Ratio, Ratio] | None = None
+    """How far out boards were seen in the left, right, upper and lower half of its images, of the way from their middle
+    to their corners; not told by versions up to 0.2, whose spheres are measured anywhere."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -15,6 +15,8 @@ RIG = Frame("RIG")
 """The stereo pair's own frame: that of its left camera (x right, y down, z forward), mm."""
 SMALLEST_FOCAL_PX = 1.0
 """With a shorter focal length all that there is would be in one pixel."""
+HALVES = ("left", "right", "upper", "lower")
+"""Of an image: in each is told how far out boards were seen."""
 UNDISTORTION_STEPS = 100
 UNDISTORTED = 1e-10
 """Undistortion stops when no point moves by more on the plane at unit distance."""
@@ -30,8 +32,9 @@ class Camera:
     """(4, 4), mm."""
     size_px: tuple[int, int] | None = None
     """Columns and rows of the images that it was calibrated on; others are cropped or scaled, and not of it."""
-    reach: float | None = None
-    """How far out boards were seen, as `away` counts; how the lens bends what lies farther out is extrapolated."""
+    reach: tuple[float, ...] | None = None
+    """How far out boards were seen (4,) in each of the image's `HALVES`, as `farthest` counts; how the lens bends what
+    lies farther out there is extrapolated."""
 
     def __post_init__(self) -> None:
         if self.matrix.shape != (3, 3) or not np.isfinite(self.matrix).all() or self._too_short:
@@ -67,12 +70,12 @@ class Camera:
                 f"an image of {told} pixels is not of this camera, which was calibrated on {own}; do not crop or scale"
             )
 
-    def beyond_boards(self, pixels: ArrayLike) -> float | None:
-        """Return how far out the farthest of ``pixels`` (N, 2) is, if boards were not seen so far out."""
+    def beyond_boards(self, pixels: ArrayLike) -> int | None:
+        """Return the number of that of the `HALVES` in which ``pixels`` (N, 2) are farthest beyond all boards."""
         if self.reach is None or self.size_px is None:
             return None
-        out = float(away(pixels, self.size_px).max())
-        return out if out > self.reach else None
+        beyond = np.subtract(farthest(pixels, self.size_px), self.reach)
+        return int(beyond.argmax()) if beyond.max() > 0 else None
 
     def pixels(self, rays: ArrayLike) -> FloatArray:
         """Return the pixels (N, 2) that look along ``rays`` (N, 3), of any length, in the camera's own frame."""
@@ -102,11 +105,16 @@ class Camera:
         return directions
 
 
-def away(pixels: ArrayLike, size_px: tuple[int, int]) -> FloatArray:
-    """Return how far ``pixels`` (N, 2) are from the middle of images of ``size_px`` (columns, rows); 1 is a corner."""
+def farthest(pixels: ArrayLike, size_px: tuple[int, int]) -> tuple[float, ...]:
+    """Return how far from the middle of images of ``size_px`` (columns, rows) ``pixels`` (N, 2) are in each half (4,).
+
+    A corner is 1 away, and 0 is told of a half that has none of them.
+    """
     middle = (np.array(size_px) - 1) / 2.0
-    shares: FloatArray = np.linalg.norm(np.asarray(pixels) - middle, axis=1) / np.linalg.norm(middle)
-    return shares
+    off = np.asarray(pixels) - middle
+    away = np.linalg.norm(off, axis=1) / np.linalg.norm(middle)
+    x, y = off.T
+    return tuple(float(away[half].max(initial=0.0)) for half in (x < 0, x >= 0, y < 0, y >= 0))
 
 
 @dataclass(frozen=True)

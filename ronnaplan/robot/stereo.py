@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TypeVar
@@ -11,7 +12,7 @@ import numpy as np
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, Points
 from ronnaplan.pose import Pose
-from ronnaplan.robot.camera import RIG, Camera, StereoRig
+from ronnaplan.robot.camera import HALVES, RIG, Camera, StereoRig, farthest
 from ronnaplan.robot.chain import TCP, to_frame
 from ronnaplan.robot.circles import Image
 from ronnaplan.robot.lights import fit, in_each_light, weighed
@@ -93,9 +94,9 @@ def locate_sphere(
     found = [one for one in met if max(map(abs, one.size_errors(rig, diameter_mm))) <= SIZE_TOLERANCE]
     if not found:
         counts = f"{len(lefts)} outlines left, {len(rights)} right"
+        why = _beyond_boards(seen, (lefts, rights), rig) or _other_size(met, rig, diameter_mm)
         raise InputError(
-            f"no sphere of {diameter_mm:g} mm is seen by both cameras ({counts})"
-            f"{_other_size(met, rig, diameter_mm) or _advice(lefts, rights)}"
+            f"no sphere of {diameter_mm:g} mm is seen by both cameras ({counts}){why or _advice(lefts, rights)}"
         )
     if len(found) > 1:
         raise RefusedError(f"{len(found)} spheres of {diameter_mm:g} mm are seen by both cameras; expected one")
@@ -114,13 +115,35 @@ def locate_sphere(
 def _require_within_boards(sphere: StereoSphere, rig: StereoRig) -> None:
     """Raise `RefusedError` where the outline of ``sphere`` is farther out in either image than boards were seen."""
     for side, camera, outline in (("left", rig.left, sphere.left), ("right", rig.right, sphere.right)):
-        out = camera.beyond_boards(outline.points_px)
-        if out is not None:
-            raise RefusedError(
-                f"the sphere reaches out to {out:.1%} of the way from the {side} image's middle to its corners, "
-                f"expected {camera.reach:.1%} or less as the calibration's boards do: how the lens bends what lies "
-                "farther out is not known; bring the sphere nearer to the middle, or calibrate with boards there, too"
-            )
+        if told := _too_far_out(outline.points_px, camera, side):
+            raise RefusedError(f"the sphere {told}")
+
+
+def _too_far_out(pixels: FloatArray, camera: Camera, side: str) -> str:
+    """Say that what is seen at ``pixels`` (N, 2) is farther out than boards were, where it is."""
+    half = camera.beyond_boards(pixels)
+    if half is None or camera.reach is None or camera.size_px is None:
+        return ""
+    out = farthest(pixels, camera.size_px)
+    return (
+        f"reaches out to {out[half]:.1%} of the way from the {side} image's middle to its corners, expected "
+        f"{camera.reach[half]:.1%} or less as the calibration's boards do in its {HALVES[half]} half: how the lens "
+        "bends what lies farther out is not known; bring the sphere nearer to the middle, or calibrate with boards "
+        "there, too"
+    )
+
+
+def _beyond_boards(cones: Sequence[Sequence[Cone]], outlines: Sequence[Sequence[Outline]], rig: StereoRig) -> str:
+    """Say that what looks most like a sphere in either image is farther out than boards were, where it is.
+
+    A lens that is not known there bends an outline to none, or two to spheres that do not meet.
+    """
+    sides = (("left", rig.left), ("right", rig.right))
+    for (side, camera), offered, kept in zip(sides, cones, outlines, strict=True):
+        edges = [one.points_px for one in kept] or [camera.pixels(one.rays) for one in offered]
+        if edges and (told := _too_far_out(edges[0], camera, side)):
+            return f": what looks most like one {told}"
+    return ""
 
 
 def _other_size(met: list[StereoSphere], rig: StereoRig, diameter_mm: float) -> str:

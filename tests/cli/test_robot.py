@@ -430,8 +430,8 @@ def test_markers_farther_out_than_the_boards_were_are_refused(
 ) -> None:
     """How far the calibration's boards reached, its document tells."""
     near = read(home / "rig.json")
-    assert 0.3 < near["left"]["reach"] < 1.0
-    near["left"]["reach"] = 0.001
+    assert all(0.3 < reach < 1.0 for reach in near["left"]["reach"])
+    near["left"]["reach"] = [0.001] * 4
     (tmp_path / "rig.json").write_text(json.dumps(near))
     looks = (str(home / "session" / "markers"), str(home / "session" / "markers_robot.csv"))
     assert main(["robot", "relocate", *looks, "--rig", str(tmp_path / "rig.json"), "--diameter", "11.5"]) == 3

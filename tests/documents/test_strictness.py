@@ -133,7 +133,11 @@ def robot_documents() -> dict[str, tuple[str, Reader]]:
     poses[:, :3, 3] = rng.normal(size=(200, 3)) * 0.1 - poses[:, :3, :3] @ [10.0, 20, 150]
     hand_eye = HandEye(pose(M, TCP), pose(R, OTS), 0.05, 0.2, 0.2)
     camera = Camera(
-        np.array([[2100.0, 0, 320], [0, 2100, 256], [0, 0, 1]]), np.full(5, 0.01), np.eye(4), (640, 512), 0.9
+        np.array([[2100.0, 0, 320], [0, 2100, 256], [0, 0, 1]]),
+        np.full(5, 0.01),
+        np.eye(4),
+        (640, 512),
+        (0.9, 0.8, 0.7, 0.6),
     )
     tcp = TcpCalibration(pose(TCP, RIG), np.ones(3), 0.02, 0.01)
     robot = np.array([pose(R, TCP).matrix for _ in range(4)])

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from phantoms import cameras as rendering
 from ronnaplan.errors import FrameMismatchError, InputError, RefusedError
 from ronnaplan.pose import Pose, invert
-from ronnaplan.robot.camera import RIG, Camera, StereoRig
+from ronnaplan.robot.camera import HALVES, RIG, Camera, StereoRig
 from ronnaplan.robot.chain import TCP, R
 from ronnaplan.robot.outline import find_cones, find_outlines
 from ronnaplan.robot.stereo import StereoSphere, locate_sphere
@@ -149,8 +149,8 @@ def test_a_sphere_whose_outline_is_farther_out_than_boards_were_is_refused() -> 
 
     def rig(left: float, right: float) -> StereoRig:
         cameras = (
-            replace(RIG_EXACT.left, size_px=size, reach=left),
-            replace(RIG_EXACT.right, size_px=size, reach=right),
+            replace(RIG_EXACT.left, size_px=size, reach=(0.0, left, 0.0, left)),
+            replace(RIG_EXACT.right, size_px=size, reach=(0.0, right, 0.0, right)),
         )
         return StereoRig(*cameras, RIG_EXACT.tcp_from_rig)
 
@@ -162,6 +162,35 @@ def test_a_sphere_whose_outline_is_farther_out_than_boards_were_is_refused() -> 
     ):
         with pytest.raises(RefusedError, match=told):
             locate_sphere(*images, rig(*reaches), diameter_mm=DIAMETER)
+
+
+@pytest.mark.parametrize("half", range(4))
+def test_boards_on_the_other_sides_do_not_tell_how_the_lens_bends_in_a_half(half: int) -> None:
+    """The sphere is in the right and lower half, and boards were all over three of the four."""
+    size = rendering.SIZE[1], rendering.SIZE[0]
+    images = seen([np.array([27.0, 17, 300])], np.random.default_rng(3))
+    reach = tuple(0.3 if n == half else 1.0 for n in range(4))
+    cameras = [replace(one, size_px=size, reach=reach) for one in (RIG_EXACT.left, RIG_EXACT.right)]
+    rig = StereoRig(cameras[0], cameras[1], RIG_EXACT.tcp_from_rig)
+    if HALVES[half] in ("left", "upper"):
+        locate_sphere(*images, rig, diameter_mm=DIAMETER)
+        return
+    with pytest.raises(RefusedError, match=f"expected 30.0% or less .* in its {HALVES[half]} half"):
+        locate_sphere(*images, rig, diameter_mm=DIAMETER)
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_sphere_beyond_the_boards_that_is_not_found_is_told_to_be_there(side: int) -> None:
+    """The lens is told so wrongly there that an outline is none: no camera moved closer mends that."""
+    size = rendering.SIZE[1], rendering.SIZE[0]
+    images = seen([np.array([27.0, 17, 300])], np.random.default_rng(3))
+    cameras = [replace(one, size_px=size, reach=(0.4,) * 4) for one in (RIG_EXACT.left, RIG_EXACT.right)]
+    bent = cameras[side].distortion + np.array([0.0, 200, 0, 0, 0])
+    cameras[side] = replace(cameras[side], distortion=bent)
+    rig = StereoRig(cameras[0], cameras[1], RIG_EXACT.tcp_from_rig)
+    told = r"no sphere of 11.5 mm .*: what looks most like one reaches out to 6\d.\d% .*, expected 40.0%"
+    with pytest.raises(InputError, match=told):
+        locate_sphere(*images, rig, diameter_mm=DIAMETER)
 
 
 def test_images_of_the_other_camera_each_are_told_as_such() -> None:

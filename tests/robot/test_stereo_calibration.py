@@ -1,5 +1,6 @@
 """Calibration of the cameras on a board, and of their place on the robot from one resting sphere."""
 
+import re
 from functools import cache
 
 import numpy as np
@@ -11,7 +12,7 @@ from phantoms.robot_session import DISTORTIONS, MATRICES, SIZE
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.pose import invert
 from ronnaplan.robot import stereo_calibration
-from ronnaplan.robot.camera import StereoRig
+from ronnaplan.robot.camera import StereoRig, farthest
 from ronnaplan.robot.stereo import locate_sphere
 from ronnaplan.robot.stereo_calibration import (
     FEWEST_BOARDS,
@@ -92,8 +93,21 @@ def test_boards_that_stay_in_the_middle_of_larger_images_are_told() -> None:
             assert corners is not None
             _found[large.tobytes()] = corners + np.array([columns // 2, rows // 2], dtype=np.float32)
     calibration = calibrate_on_board(*around, corners=CORNERS, square_mm=SQUARE)
-    assert (calibration.left.reach, calibration.right.reach) == pytest.approx((0.32, 0.34), abs=0.01)
-    assert "reach out to 32% of the way from the left image's middle" in calibration.doubts[0]
+    reaches = calibration.left.reach, calibration.right.reach
+    assert [max(reach or ()) for reach in reaches] == pytest.approx([0.32, 0.34], abs=0.01)
+    told = (
+        r"in the (left|right|upper|lower) half of the left image the boards reach out to (2\d|3[0-2])% of the way"
+    )
+    assert re.match(told, calibration.doubts[0])
+
+
+def test_how_far_out_is_told_by_halves() -> None:
+    """Of images of 101 x 61 pixels, whose corners are 58.3 pixels from the middle."""
+    places = np.array([[50.0, 30], [80, 0], [20, 30], [50, 60]])
+    assert farthest(places, (101, 61)) == pytest.approx(
+        np.array([30, 30 * np.sqrt(2), 30 * np.sqrt(2), 30]) / 58.3095
+    )
+    assert farthest(places[1:2], (101, 61))[::3] == (0.0, 0.0)
 
 
 @pytest.mark.usefixtures("found_once")
