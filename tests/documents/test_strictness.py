@@ -34,6 +34,7 @@ from ronnaplan.planner.storage import Look
 from ronnaplan.pose import Pose, rigid
 from ronnaplan.registration.marker_registration import register_markers
 from ronnaplan.robot.arm.arm import HeldJoint
+from ronnaplan.robot.arm.forward import forward
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.camera import RIG, Camera
 from ronnaplan.robot.chain import OTS, TCP, Capture, M, R
@@ -53,11 +54,14 @@ from tests.robot.placement.cases import room
 SERVED = Served("LH", "trajectory", np.zeros((2, 6)), 20.0, 30.0, 40.0, 50.0)
 ROUTE = Route(("LH",), 90.0, ("LH",), ("F1",), np.zeros(6), ())
 PLACES = (RobotPlace(np.eye(4), (SERVED,), ROUTE, 0.9, ("cameras and forearm touch",)),)
+FIRST = cases.plan().trajectories[0]
+ENTRY_MM = FIRST.target_mm - 50.0 * forward(kr6_r900(), np.zeros(6))[:3, 2]  # the tool points to the target
 PLACEMENT = placement_document(
     Placement(np.eye(4), PLACES, ()),
-    room(),
+    room(tool=replace(room().tool, x_axis=(0.0, 1.0, 0.0))),
     replace(kr6_r900(), held=(HeldJoint("A0", 0.1, 1, np.eye(4)),)),
     fiducials_document(FOUND).source,
+    replace(cases.plan(), trajectories=(replace(FIRST, name="LH", entry_mm=ENTRY_MM),)),
 )
 
 Reader = Callable[[Path], object]
