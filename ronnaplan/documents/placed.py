@@ -48,14 +48,7 @@ def placement_document(
             {"joint": one.joint, "angle_deg": round(float(np.degrees(one.angle_rad)), 9)} for one in arm.held
         ],
         "parking": {"sigma_mm": room.parking.sigma_mm, "sigma_deg": room.parking.sigma_deg},
-        "robot_from_ct": [
-            {
-                **_place(found, place),
-                "tasks": [_served(one, arm, room.tool) for one in place.served],
-                "robot": _robot(arm, room, place),
-            }
-            for place in found.places
-        ],
+        "robot_from_ct": [_place(found, place, arm, room) for place in found.places],
         "room": {
             "boxes": [_box(one) for one in room.boxes],
             "capsules": [
@@ -69,13 +62,15 @@ def placement_document(
     return made(PlacementDocument, content)
 
 
-def _place(found: Placement, place: Place) -> dict[str, Any]:
+def _place(found: Placement, place: Place, arm: SerialArm, room: Room) -> dict[str, Any]:
     route = place.route
     return {
         "r_from_ct": found.r_from_ct(place).tolist(),
         "room_from_r": place.room_from_r.tolist(),
         "worst_margin_deg": place.worst_joint_deg,
         "probability": place.probability,
+        "tasks": [_served(one, arm, room.tool) for one in place.served],
+        "robot": _robot(arm, room, place),
         "route": {
             "order": route.order,
             "travel_deg": route.travel_deg,

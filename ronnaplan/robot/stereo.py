@@ -84,7 +84,8 @@ def locate_sphere(
         raise InputError(f"a sphere diameter of {diameter_mm} mm was given; expected one above zero")
     with ThreadPoolExecutor(2) as pool:
         seen = list(pool.map(find_cones, (left, right), (rig.left, rig.right)))
-        cones = _that_may_meet(seen[0], seen[1], rig, diameter_mm)
+        meeting = _that_may_meet(seen[0], seen[1], rig, diameter_mm)
+        cones = meeting if meeting[0] else seen
         lefts, rights = pool.map(
             outlines_of, cones, (left, right), (rig.left, rig.right), (lamp_sd_deg, lamp_sd_deg)
         )
@@ -95,9 +96,8 @@ def locate_sphere(
     if not found:
         counts = f"{len(lefts)} outlines left, {len(rights)} right"
         why = _beyond_boards(seen, (lefts, rights), rig) or _other_size(met, rig, diameter_mm)
-        raise InputError(
-            f"no sphere of {diameter_mm:g} mm is seen by both cameras ({counts}){why or _advice(lefts, rights)}"
-        )
+        why = why or _advice(lefts, rights, bool(meeting[0]))
+        raise InputError(f"no sphere of {diameter_mm:g} mm is seen by both cameras ({counts}){why}")
     if len(found) > 1:
         raise RefusedError(f"{len(found)} spheres of {diameter_mm:g} mm are seen by both cameras; expected one")
     _require_within_boards(found[0], rig)
@@ -106,8 +106,8 @@ def locate_sphere(
     if not stated_mm <= largest_mm:
         raise RefusedError(
             f"the sphere's center is known to {stated_mm:.4f} mm only; expected {largest_mm:g} mm or less: "
-            "light the sphere evenly, brighter than what is behind it but not brighter than pixels get, or move the "
-            "cameras closer"
+            "light the sphere evenly, brighter than what is behind it but not brighter than pixels get, let it rest in "
+            "focus, or move the cameras closer"
         )
     return found[0]
 
@@ -153,13 +153,18 @@ def _other_size(met: list[StereoSphere], rig: StereoRig, diameter_mm: float) -> 
         if abs(left / right - 1) <= SIZE_TOLERANCE:
             return (
                 f", but what looks like one of {2 * diameter_mm / (left + right):.3g} mm: correct the diameter or the "
-                "size of the squares that the cameras were calibrated with, or light the sphere to its limb"
+                "size of the squares that the cameras were calibrated with, or light the sphere to its limb, in focus"
             )
     return ""
 
 
-def _advice(lefts: list[Outline], rights: list[Outline]) -> str:
-    """Say what to do where no outlines are of one sphere."""
+def _advice(lefts: list[Outline], rights: list[Outline], agreed: bool) -> str:
+    """Say what to do where no outlines are of one sphere; ``agreed``: edges in both images are of one."""
+    if agreed and not (lefts and rights):
+        return (
+            "; edges agree on one in both images, but its outline is not a sphere's: bring it into focus, let it and "
+            "the cameras rest, and let nothing hide or outshine its limb"
+        )
     if lefts and rights:
         return (
             "; check that left and right are of this rig, of one moment, not exchanged, or move the cameras closer"
@@ -170,7 +175,7 @@ def _advice(lefts: list[Outline], rights: list[Outline]) -> str:
 def _that_may_meet(
     lefts: list[Cone], rights: list[Cone], rig: StereoRig, diameter_mm: float
 ) -> tuple[list[Cone], list[Cone]]:
-    """Return the cones that are of one sphere of ``diameter_mm`` with one of the other image, or all if none are."""
+    """Return the cones that are of one sphere of ``diameter_mm`` with one of the other image."""
     may = np.zeros((len(lefts), len(rights)), dtype=bool)
     for i, left in enumerate(lefts):
         for j, right in enumerate(rights):
@@ -181,8 +186,6 @@ def _that_may_meet(
                 one.distance_mm(diameter_mm) / far - 1 for one, far in zip((left, right), far_mm, strict=True)
             ]
             may[i, j] = gap_mm < LARGEST_GAP_MM + blurred_mm and max(map(abs, sizes)) < CONE_SIZE
-    if not may.any():
-        return lefts, rights
     return [lefts[i] for i in np.flatnonzero(may.any(1))], [rights[j] for j in np.flatnonzero(may.any(0))]
 
 

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
 from phantoms import cameras as rendering
@@ -115,6 +116,14 @@ def test_an_evenly_bright_sphere_is_as_large_as_it_is() -> None:
             far_mm = np.linalg.norm(view.center_mm - camera.center_mm)
             off_px.append((outline.half_angle - np.arcsin(DIAMETER / 2 / far_mm)) * camera.focal_px)
     assert abs(np.mean(off_px)) < 0.015
+
+
+def test_a_blurred_sphere_is_told_to_be_no_sharp_one() -> None:
+    """Of an image that moved by 12 pixels meanwhile: no camera that comes closer mends that."""
+    sharp = seen([np.array([2.0, 3, 300])], np.random.default_rng(3))
+    left, right = (uniform_filter1d(image, 12, axis=1) for image in sharp)
+    with pytest.raises(InputError, match=r"0 right\); edges agree on one in both images, but .* into focus"):
+        locate_sphere(left, right, RIG_EXACT, diameter_mm=DIAMETER)
 
 
 def test_a_sphere_that_one_camera_does_not_see_is_not_guessed() -> None:
