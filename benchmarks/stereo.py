@@ -131,13 +131,13 @@ def calibration_table(rigs: int, seed: int) -> str:
                 rows.append([f"{tilt_deg:g} degrees", str(number), f"refused: {refusal}", "", ""])
                 continue
             rig = StereoRig(found.left, found.right, Pose.exact(np.eye(4), TCP, RIG))
-            true, seen = _looked([render(BASE, drawn, rng) for _ in range(LOOKS)], rig)
-            rows.append([f"{tilt_deg:g} degrees", str(number), f"{len(seen)} of {LOOKS}", *_worst(true, seen)])
+            true, seen = looked([render(BASE, drawn, rng) for _ in range(LOOKS)], rig)
+            rows.append([f"{tilt_deg:g} degrees", str(number), f"{len(seen)} of {LOOKS}", *worst(true, seen)])
             print(rows[-1], flush=True)
     return align(rows)
 
 
-def _looked(views: list[View], rig: StereoRig) -> tuple[FloatArray, FloatArray]:
+def looked(views: list[View], rig: StereoRig) -> tuple[FloatArray, FloatArray]:
     """Return the true and the measured centers (N, 3) of those of ``views`` that are measured."""
     true, seen = [], []
     for view in views:
@@ -150,7 +150,7 @@ def _looked(views: list[View], rig: StereoRig) -> tuple[FloatArray, FloatArray]:
     return np.array(true).reshape(-1, 3), np.array(seen).reshape(-1, 3)
 
 
-def _worst(true: FloatArray, seen: FloatArray) -> list[str]:
+def worst(true: FloatArray, seen: FloatArray) -> list[str]:
     """Return the largest error of places (N, 3), absolute and after the best rigid alignment; nothing of too few."""
     if len(true) < FEWEST_ALIGNED:
         return ["", ""]

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from benchmarks.stereo import measure
-from phantoms.stereo_kinds import SCENES
+from benchmarks.stereo import calibrated, looked, measure, worst
+from phantoms.cameras import SIZE
+from phantoms.stereo_kinds import BASE, SCENES
+from phantoms.stereo_scenes import random_rig, render
 
 LOOKED_AT = 2
 """A seed that was looked at while tuning: the study's own stay unseen."""
@@ -40,3 +44,15 @@ def test_what_is_no_such_ball_is_refused(name: str) -> None:
     score = measure(next(scene for scene in SCENES if scene.name == name), 1, LOOKED_AT)
     assert score.errors_mm == []
     assert re.search(WHY[name], score.reasons[0])
+
+
+def test_a_ball_beyond_the_boards_is_left_out_of_a_calibrations_errors() -> None:
+    """It is refused, and ended the study."""
+    drawn = random_rig(np.random.default_rng(1))
+    rig = calibrated(drawn)
+    size = SIZE[1], SIZE[0]
+    near = replace(rig, left=replace(rig.left, size_px=size, reach=(0.01,) * 4))
+    views = [render(BASE, drawn, np.random.default_rng(1))]
+    assert [len(found) for found in looked(views, near)] == [0, 0]
+    assert [len(found) for found in looked(views, rig)] == [1, 1]
+    assert worst(*looked(views, rig)) == ["", ""]
