@@ -274,7 +274,7 @@ def test_markers_are_kept_clear_of_by_the_sizes_that_the_fiducials_tell(
         balls.append(markers_mm)
         return world_of(room, head_mm, tracker_mm, markers_mm)
 
-    monkeypatch.setattr("ronnaplan.robot.placement.placement.world_of", spied)
+    monkeypatch.setattr("ronnaplan.robot.placement.job.world_of", spied)
     cases.write_case(tmp_path)
     (tmp_path / "room.toml").write_text(EXAMPLE)
     given = [f"--{name}={tmp_path / name}.json" for name in ("plan", "fiducials", "registration")]
