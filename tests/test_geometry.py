@@ -8,7 +8,7 @@ import pytest
 from ronnaplan.bounds import FARTHEST_POINT_MM
 from ronnaplan.correspondence import describe_layout, match_points
 from ronnaplan.errors import InputError, RonnaplanError
-from ronnaplan.geometry import Points, as_points
+from ronnaplan.geometry import Points, as_points, first_apart
 from ronnaplan.planning import ExpectedPose, Landmarks, Trajectory
 from ronnaplan.pose import as_pose
 from ronnaplan.registration import predict_tre, radius_95_mm, register_markers, register_points
@@ -130,3 +130,21 @@ def test_a_registration_neither_takes_nor_predicts_at_coordinates_beyond_reason(
         found.tre([[1e300, 0, 0]])
     with pytest.raises(InputError, match="millimetres"):
         register_points(1e298 * scene.HEAD, scene.HEAD)
+
+
+class Counted(np.ndarray):
+    """Places (N, 3) that count how often some of them are taken."""
+
+    taken = 0
+
+    def __getitem__(self, key: Any) -> Any:
+        Counted.taken += 1
+        return np.asarray(super().__getitem__(key))
+
+
+def test_thousands_of_places_are_looked_through_without_taking_each_pair_of_them() -> None:
+    lattice = 5.0 * np.stack(np.meshgrid(*[np.arange(14.0)] * 3), axis=-1).reshape(-1, 3)
+    places = np.concatenate([lattice, lattice + 1.0])
+    kept = first_apart(places.view(Counted), 2.0)
+    np.testing.assert_array_equal(places[kept], lattice)
+    assert len(places) <= Counted.taken <= 4 * len(places)
