@@ -138,10 +138,13 @@ def test_logs_and_audit_name_no_patient_unless_asked_to(tmp_path: Path) -> None:
 
 
 def test_what_a_peer_calls_itself_cannot_steer_a_log(node: Listening, tmp_path: Path) -> None:
-    send(node.port, instance(tmp_path), calling="\x1b[31mX")
-    for line in node.said.getvalue().splitlines():
-        assert line.isprintable()
-        json.loads(line)
+    for calling in ("\x1b[31mX", 'X", "event": "Y'):  # the first one is no title at all
+        send(node.port, instance(tmp_path), calling=calling)
+    until(lambda: node.events("cut off") and node.events("refused association"))
+    lines = node.said.getvalue().splitlines()
+    assert all(line.isprintable() for line in lines)
+    assert sorted(json.loads(line)["event"] for line in lines) == ["cut off", "listening", "refused association"]
+    assert 'X", "event": "Y is no peer' in node.events("refused association")[0]["reason"]
 
 
 def test_a_place_where_this_machine_cannot_listen_is_told(tmp_path: Path) -> None:

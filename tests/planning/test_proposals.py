@@ -9,7 +9,7 @@ import pytest
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import Frame
-from ronnaplan.planning import INSTRUMENTS, Limits, Trajectory, measure, propose
+from ronnaplan.planning import Instrument, Limits, Trajectory, measure, propose
 from ronnaplan.planning.candidates import Field, cast, spread_directions
 from ronnaplan.planning.limits import all_pass, judge
 from ronnaplan.planning.obstacles import Kind, Obstacle, PostedMarker, Voxels
@@ -99,10 +99,11 @@ def test_a_limit_that_only_the_full_measure_knows_counts_too(monkeypatch: pytest
 
 
 def test_the_instrument_must_reach() -> None:
-    found = propose(
-        TARGET, scanned("plain"), Limits(), instrument=INSTRUMENTS["endoscope"], count=2, directions=3000
-    )
-    assert all(one.trajectory.instrument.name == "endoscope" for one in found.best)
+    short = Instrument("short probe", 2.0, 60.0)
+    found = propose(TARGET, scanned("plain"), Limits(), instrument=short, count=2, directions=3000)
+    assert [one.trajectory.instrument for one in found.best] == [short, short]
+    assert max(one.trajectory.length_mm for one in found.best) <= 60.0
+    assert found.excluded["path too long"] > 500
 
 
 @pytest.mark.parametrize("target", [[0.0, 0, 300], [90.0, 0, 10]])
