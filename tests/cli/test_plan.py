@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -40,12 +41,19 @@ def ct(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture
-def plan(ct: Path, tmp_path: Path) -> Path:
-    path = tmp_path / "plan.json"
+@pytest.fixture(scope="module")
+def begun(ct: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A plan of one trajectory."""
+    path = tmp_path_factory.mktemp("begun") / "plan.json"
     assert main(["plan", "new", str(ct), "-o", str(path)]) == 0
     assert main(["plan", "add", str(path), "A", "--ct", str(ct), *POINTS]) == 0
     return path
+
+
+@pytest.fixture
+def plan(begun: Path, tmp_path: Path) -> Path:
+    """A copy of it that a test may change."""
+    return Path(shutil.copy(begun, tmp_path))
 
 
 def limits(tmp_path: Path, **values: float) -> str:
