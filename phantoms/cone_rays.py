@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from phantoms.attenuation import Matter, add_arriving
 from phantoms.compiled import compiled, parallel_range
 from phantoms.ray_rows import Rays, Row, mark_between, room_for
-from phantoms.rays import FAR, PackedSolids, along, put_unit
+from phantoms.rays import FAR, PackedSolids, along, put_unit, put_unit_place
 from phantoms.solids import FloatArray
 
 
@@ -85,8 +85,7 @@ def _measure_row(
         low, high = low - 0.5 * panel.spot_across_mm, high + 0.5 * panel.spot_across_mm
         affine = solids.unit_from_world[n]
         row.solids[found], row.low_mm[found], row.high_mm[found] = n, low, high
-        put_unit(affine, views.sources[view], row.origins[found])
-        row.origins[found] += affine[:, 3]
+        put_unit_place(affine, views.sources[view], row.origins[found])
         put_unit(affine, axis, row.directions[found])
         put_unit(affine, views.across[view], row.directions_by_mm[found])
         put_unit(affine, views.up[view], row.up[found])
@@ -97,7 +96,8 @@ def _measure_row(
     _add_samples(solids, matter, panel, row, found, row_mm, distance, 1, ~fine, total)
     if fine.any():
         _add_samples(solids, matter, panel, row, found, row_mm, distance, panel.fine, fine, total)
-    signal[:] = total
+    for column in range(columns):
+        signal[column] = total[column]
 
 
 @compiled()
@@ -125,13 +125,17 @@ def _add_samples(
         v = row_mm + _offset(j, samples) * panel.row_mm
         p = _offset((i + j) % samples, samples) * panel.spot_across_mm
         q = _offset((i + 2 * j) % samples, samples) * panel.spot_up_mm
-        row.origins[:found] = sources + p * across + q * up
-        row.directions[:found] = middles - p * across + (v - q) * up
+        for n in range(found):
+            for axis in range(3):
+                row.origins[n, axis] = sources[n, axis] + p * across[n, axis] + q * up[n, axis]
+                row.directions[n, axis] = middles[n, axis] - p * across[n, axis] + (v - q) * up[n, axis]
         aside = first_mm + np.arange(columns) * panel.bin_mm - p
         lengths = np.sqrt(distance_mm * distance_mm + aside * aside + (v - q) ** 2)
         rays = Rays(first_mm, panel.bin_mm, starts, stops, lengths, 0.0)
         add_arriving(solids, matter, row, found, rays, wanted, 1.0 / (samples * samples), total)
-    row.origins[:found], row.directions[:found] = sources, middles
+    for n in range(found):
+        for axis in range(3):
+            row.origins[n, axis], row.directions[n, axis] = sources[n, axis], middles[n, axis]
 
 
 @compiled()

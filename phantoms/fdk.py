@@ -99,4 +99,5 @@ def back_project_cone(
                 low = values[j, i] + a * (values[j, i + 1] - values[j, i])
                 high = values[j + 1, i] + a * (values[j + 1, i + 1] - values[j + 1, i])
                 line[column] += np.float32(scale * scale) * (low + b * (high - low))
-        images[k, row] += line
+        for column in range(columns):
+            images[k, row, column] += line[column]

@@ -103,7 +103,8 @@ def back_project_cone_weighted(
                     weights[z] += weight
             for z in range(planes):
                 total[z] += part[z] / max(weights[z], 1e-9)
-        cube[job // columns, job % columns] = total
+        for z in range(planes):
+            cube[job // columns, job % columns, z] = total[z]
 
 
 @compiled(parallel=True)

@@ -243,7 +243,8 @@ def rebin(readings: Readings, column: FloatArray, reading: FloatArray, spots: in
                 for j in range(4):
                     weight = np.float32(along[i] * across[j])
                     line += weight * readings[first + i, min(max(start + j, 0), columns - 1)]
-            parallel[d, :, n] = line
+            for row in range(rows):
+                parallel[d, row, n] = line[row]
 
 
 @compiled()

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from phantoms.attenuation import Matter, add_arriving
 from phantoms.compiled import compiled, parallel_range
 from phantoms.ray_rows import Rays, mark_between, room_for
-from phantoms.rays import PackedSolids, along, put_unit
+from phantoms.rays import PackedSolids, along, put_unit, put_unit_place
 from phantoms.solids import FloatArray
 
 BEND = 5e-3
@@ -80,8 +80,7 @@ def _measure_view(
         reach, aside = np.sqrt(radius * radius - height * height), along(across, solids.centers_mm[n], plane)
         affine = solids.unit_from_world[n]
         row.solids[found], row.low_mm[found], row.high_mm[found] = n, aside - reach, aside + reach
-        put_unit(affine, plane, row.origins[found])
-        row.origins[found] += affine[:, 3]
+        put_unit_place(affine, plane, row.origins[found])
         put_unit(affine, across, row.origins_by_mm[found])
         put_unit(affine, forward, row.directions[found])
         put_unit(affine, axes[2], row.up[found])
@@ -100,10 +99,13 @@ def _measure_view(
         for sample in range(samples * samples):
             aside = ((sample % samples + 0.5) / samples - 0.5) * detector.bin_mm
             height = ((sample // samples + 0.5) / samples - 0.5) * detector.row_mm
-            row.origins[:found] = middles[:found] + height * row.up[:found]
+            for n in range(found):
+                for axis in range(3):
+                    row.origins[n, axis] = middles[n, axis] + height * row.up[n, axis]
             rays = Rays(first_mm + aside, detector.bin_mm, -bore, bore, ones, 0.5 * detector.row_mm / samples)
             add_arriving(solids, matter, row, found, rays, fine, 1.0 / samples**2, total)
-    signal[:] = total
+    for column in range(columns):
+        signal[column] = total[column]
 
 
 @compiled()

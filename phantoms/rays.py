@@ -132,6 +132,14 @@ def put_unit(affine: FloatArray, direction: FloatArray, turned: FloatArray) -> N
 
 
 @compiled()
+def put_unit_place(affine: FloatArray, place: FloatArray, moved: FloatArray) -> None:
+    """Put the unit coordinates of a place into ``moved`` (3,)."""
+    put_unit(affine, place, moved)
+    for n in range(3):
+        moved[n] += affine[n, 3]
+
+
+@compiled()
 def along(direction: FloatArray, place: FloatArray, start: FloatArray) -> float:
     """Return how far ``place`` lies from ``start`` along a unit direction."""
     total = 0.0

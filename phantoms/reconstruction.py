@@ -96,4 +96,5 @@ def back_project(
                 n = int(t)
                 fraction = t - np.float32(n)
                 line[column] += values[n] + fraction * (values[n + 1] - values[n])
-        image[row] += line
+        for column in range(columns):
+            image[row, column] += line[column]

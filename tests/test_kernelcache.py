@@ -216,20 +216,24 @@ def test_of_processes_that_want_a_kernel_at_once_one_compiles_it(tmp_path: Path)
 
 
 def filled_slices(path: Path) -> list[str]:
-    """Where a kernel of a module assigns to a slice what is no number."""
+    """Where a kernel of a module assigns to a slice what is no number, or adds a slice to a row."""
     found = []
     for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(function, ast.FunctionDef) and "njit(" in "".join(map(ast.unparse, function.decorator_list)):
-            for line in (one for one in ast.walk(function) if isinstance(one, ast.Assign)):
-                targets, _, value = ast.unparse(line).rpartition(" = ")
-                if ":" in targets and not re.fullmatch(r"[\d.,() -]+|-?np\.inf|True|False|[A-Z_]+", value):
-                    found.append(f"{path.name}:{line.lineno}: {targets} = {value}")
+        decorators = map(ast.unparse, getattr(function, "decorator_list", ()))
+        if any(one.startswith(("njit(", "compiled(")) for one in decorators):
+            for line in (one for one in ast.walk(function) if isinstance(one, ast.Assign | ast.AugAssign)):
+                targets, _, value = ast.unparse(line).rpartition("= ")
+                adds_to_row = isinstance(line, ast.AugAssign) and isinstance(line.target, ast.Subscript)
+                sliced = ":" in targets + value * adds_to_row
+                if sliced and not re.fullmatch(r"[\d.,() -]+|-?np\.inf|True|False|[A-Z_]+", value):
+                    found.append(f"{path.name}:{line.lineno}: {ast.unparse(line)}")
     return found
 
 
 def test_kernels_fill_slices_by_loops() -> None:
     """Numba compiled with each what tells two shapes in an error: a fifth of what `ronnaplan prepare` took."""
-    modules = (Path(__file__).parents[1] / "ronnaplan").rglob("*.py")
+    root = Path(__file__).parents[1]
+    modules = [*(root / "ronnaplan").rglob("*.py"), *(root / "phantoms").rglob("*.py")]
     assert [line for path in sorted(modules) for line in filled_slices(path)] == []
 
 
