@@ -81,18 +81,19 @@ def run_block(scan: int, trials: int, seed: int) -> Record:
         answered = [one for one in sessions if one is not None]
         record[only or "all"] = {
             "refused": trials - len(answered),
-            "squared_mm2": [float((error**2).sum(axis=1).mean()) for error, _ in answered],
-            "predicted_mm2": [predicted for _, predicted in answered],
+            "squared_mm2": [float((error**2).sum(axis=1).mean()) for error, _, _ in answered],
         }
+        if only is None:
+            record["all"]["predicted_mm2"] = [_predicted(head, capture) for _, head, capture in answered]
     return record
 
 
 def simulate_session(
     rng: np.random.Generator, scan: LocalizedPhantom, active: tuple[str, ...]
-) -> tuple[FloatArray, list[float]] | None:
+) -> tuple[FloatArray, Registration, Capture] | None:
     """Simulate one session in which only ``active`` sources err; None when pairing or tool are refused.
 
-    Returns the error (T, 3) in R at the targets and the predicted mean square (mm^2) by source.
+    Returns the error (T, 3) in R at the targets, the head's registration, and what the tool was seen by.
     """
     truth = _world(rng)
     ct_mm = scan.found.positions_mm if SOURCES[0] in active else scan.truth_mm
@@ -109,7 +110,7 @@ def simulate_session(
     capture = Capture(tool.registration.pose, m_from_tcp, robot_from_tcp)
     chain = robot_from_ct(head.registration.pose, capture)
     error = chain.apply(TARGETS_MM) - transform_points(truth.robot_from_ct, TARGETS_MM)
-    return error, _predicted(head.registration, capture)
+    return error, head.registration, capture
 
 
 @dataclass(frozen=True)
