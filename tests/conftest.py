@@ -7,8 +7,12 @@ from collections.abc import Generator
 
 import pytest
 from _pytest.doctest import DoctestModule
+from hypothesis import settings
 
 from tests import isolation, shared
+
+settings.register_profile("the same each time", derandomize=True, deadline=None)
+settings.load_profile("the same each time")
 
 LONG = ("browser", "test_readme", "test_kernelcache")
 """Parts of the names of files that take longest."""

@@ -42,7 +42,7 @@ def test_composition_and_inversion_carry_covariance_as_sampling_does() -> None:
     assert np.abs(a_from_b.inverse().point_covariances(point)[0] - scatter).max() < 0.05 * np.trace(scatter)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_there_and_back_is_the_same_pose(seed: int) -> None:
     pose = random_pose(np.random.default_rng(seed), A, B)

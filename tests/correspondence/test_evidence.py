@@ -24,7 +24,7 @@ from ronnaplan.correspondence.priors import log_pairings, tail_beyond_gate
 from tests.correspondence.scenes import HEAD, SIGMA_CT, SIGMA_OTS, ball
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(seed=st.integers(0, 10**6), count=st.integers(3, 12), flat=st.booleans())
 def test_chi2_is_that_of_the_best_proper_rotation(seed: int, count: int, flat: Any) -> None:
     rng = np.random.default_rng(seed)

@@ -76,7 +76,7 @@ def test_markers_without_errors_are_never_refused_unless_they_are_alike() -> Non
     assert describe_layout(np.vstack((HEAD[:4], HEAD[:1]))).refusal_probability(0.0, 0.0) > 0.99
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 10**6), scale=st.floats(0.5, 3.0))
 def test_the_rival_distance_follows_scale_and_ignores_pose_and_order(seed: int, scale: Any) -> None:
     rng = np.random.default_rng(seed)

@@ -75,7 +75,7 @@ def test_values_without_air_are_flagged_as_if_they_were_offset(tmp_path: Path, s
     assert "expected air at -1000 HU" in VolumeFlag.NO_AIR
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(angles=st.tuples(*[st.floats(-180, 180)] * 3), mirrored=st.booleans())
 def test_turned_and_mirrored_images_keep_every_voxel_where_it_was(
     tmp_path_factory: pytest.TempPathFactory, angles: tuple[float, float, float], mirrored: bool

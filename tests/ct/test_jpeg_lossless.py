@@ -36,7 +36,7 @@ def test_every_predictor_and_restart_intervals_are_decoded(predictor: int, resta
     assert np.array_equal(decode_jpeg_lossless(encoded(image, predictor, restart_lines), 10, 7), image)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data())
 def test_a_damaged_stream_is_refused_or_decoded_but_never_raises_otherwise(
     frame: bytes, data: st.DataObject

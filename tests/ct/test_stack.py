@@ -96,7 +96,7 @@ def test_every_patient_position_keeps_each_voxel_where_its_slice_says(tmp_path: 
             assert np.allclose(volume.grid.positions_mm(np.array([at, 2.0, 3.0])), expected)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     angles=st.tuples(*[st.floats(-180, 180)] * 3),
     gaps=st.lists(st.floats(0.1, 9.0), min_size=2, max_size=6),

@@ -31,7 +31,7 @@ points = st.tuples(coordinates, coordinates, coordinates).map(np.array)
 
 
 @pytest.mark.parametrize("name", SOLIDS)
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60)
 @given(origin=points, target=points)
 def test_a_ray_is_inside_exactly_where_its_points_are(name: str, origin: FloatArray, target: FloatArray) -> None:
     direction = target - origin + 1e-3

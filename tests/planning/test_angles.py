@@ -45,7 +45,7 @@ def test_landmarks_may_be_lists_and_stay_as_they_were() -> None:
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_ac_pc_angles_turn_with_the_head(seed: int) -> None:
     generator = np.random.default_rng(seed)
     turn = Rotation.from_rotvec(generator.uniform(-0.7, 0.7, 3)).as_matrix()
@@ -74,7 +74,7 @@ def test_arc_and_ring(outward: tuple[float, ...], arc: float, ring: float) -> No
 
 
 @given(st.floats(1, 179), st.floats(-179, 179))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_arc_and_ring_lead_back_to_the_direction(arc: float, ring: float) -> None:
     a, r = np.radians([arc, ring])
     outward = np.array([np.cos(a), np.sin(a) * np.cos(r), np.sin(a) * np.sin(r)]) @ RAS_IN_LPS

@@ -14,7 +14,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 @given(seeds)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_segments_as_an_optimizer_finds_them(seed: int) -> None:
     p, q, r, s = np.random.default_rng(seed).uniform(-50, 50, (4, 3))
 
@@ -32,7 +32,7 @@ def test_segments_as_an_optimizer_finds_them(seed: int) -> None:
 
 
 @given(seeds)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_moving_both_segments_changes_nothing(seed: int) -> None:
     generator = np.random.default_rng(seed)
     ends = generator.uniform(-50, 50, (4, 3))
@@ -50,7 +50,7 @@ def test_parallel_touching_and_crossing_segments() -> None:
 
 
 @given(seeds)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_boxes_as_sampling_finds_them(seed: int) -> None:
     generator = np.random.default_rng(seed)
     start, stop = generator.uniform(-30, 30, (2, 3))

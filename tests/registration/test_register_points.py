@@ -44,7 +44,7 @@ def noise(rng: np.random.Generator, covs: np.ndarray, repeats: int) -> np.ndarra
     return found
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(3, 12), stated=st.booleans())
 def test_exact_pairs_give_back_the_transform(seed: int, count: int, stated: bool) -> None:
     rng = np.random.default_rng(seed)
@@ -56,7 +56,7 @@ def test_exact_pairs_give_back_the_transform(seed: int, count: int, stated: bool
     assert found.fre_rms_mm < 1e-9
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 2**32 - 1), stated=st.booleans())
 def test_moving_the_tracker_moves_the_answer_and_nothing_else(seed: int, stated: bool) -> None:
     rng = np.random.default_rng(seed)

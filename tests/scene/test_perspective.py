@@ -14,14 +14,14 @@ EYE = Camera(np.array([-280.0, -217.0, 200.0]), np.array([4.0, -3.0, 28.0]))
 NUMBERS = st.floats(-0.9, 0.9)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(NUMBERS, NUMBERS, st.floats(50.0, 900.0))
 def test_a_ray_passes_through_what_is_seen_under_its_pixel(across: float, down: float, reach_mm: float) -> None:
     place = EYE.position_mm + reach_mm * EYE.ray(across, down)[1]
     assert EYE.on_screen(place)[:2] == pytest.approx([across, down], abs=1e-9)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(NUMBERS, NUMBERS, st.floats(50.0, 900.0))
 def test_the_plane_at_a_place_is_as_large_as_the_picture(across: float, down: float, reach_mm: float) -> None:
     place = EYE.position_mm + reach_mm * EYE.ray(across, down)[1]
