@@ -48,6 +48,7 @@ def fiducials() -> FiducialsDocument:
             "coordinate_system": "LPS",
             "unit": "mm",
             "source": {
+                "series_instance_uid": scan.source.series_instance_uid,
                 "frame_of_reference_uid": scan.source.frame_of_reference_uid,
                 "voxel_sha256": scan.voxel_sha256,
             },

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from ronnaplan.case.expectation import expectation
 from ronnaplan.case.surroundings import Labels, Rules, Surroundings, Terrain
 from ronnaplan.ct import CTVolume, find_series, read_ct
+from ronnaplan.ct.identity import ScanIdentity
 from ronnaplan.ct.images import is_image_file
 from ronnaplan.documents.fiducials import FiducialsDocument, read_fiducials
 from ronnaplan.documents.limits import read_limits
 from ronnaplan.documents.plan import read_plan
 from ronnaplan.documents.registration import RegistrationDocument, read_registration
-from ronnaplan.errors import FrameMismatchError, InputError
-from ronnaplan.geometry import Frame
+from ronnaplan.errors import InputError
 from ronnaplan.planning import Plan
 from ronnaplan.planning.labels import read_label_map
 from ronnaplan.planning.uncertainty import Expectation
@@ -77,7 +77,8 @@ class Case:
     """The documents of a case and its scan, each None where there is none, and what a person stated.
 
     ``hashes`` holds (name, SHA-256) of every document as read, and of the scan's voxels. Raises
-    `FrameMismatchError` for documents of different frames of reference, `InputError` for markers of other voxels.
+    `FrameMismatchError` for documents of different frames of reference, `InputError` for markers of other voxels, and
+    for documents of other voxels of the same series.
     """
 
     volume: CTVolume | None = None
@@ -90,8 +91,7 @@ class Case:
     placement: PlacementDocument | None = None
 
     def __post_init__(self) -> None:
-        _require_one_frame(self)
-        _require_same_voxels(self)
+        _require_one_scan(self)
 
     @cached_property
     def expected(self) -> Expectation:
@@ -149,14 +149,17 @@ def placement_at(path: Path | None) -> PlacementDocument | None:
 
 
 def scan_in(folder: AnyPath) -> Path | None:
-    """Return where the scan of the case in ``folder`` lies: its ``ct``, or among the documents; None without one."""
+    """Return where the scan of the case in ``folder`` lies: its ``ct``, or among the documents; None without one.
+
+    What is called ``ct`` is the scan, usable or not: who reads it is told why it is not.
+    """
     home = Path(folder)
     files = [one for one in sorted(home.glob(f"{CT_FOLDER}.*")) if is_image_file(one) or one.suffix == ".zip"]
-    beside = next((one for one in (home / CT_FOLDER, *files) if one.exists()), home)
-    if beside.is_file() and is_image_file(beside):
+    beside = next((one for one in (home / CT_FOLDER, *files) if one.exists()), None)
+    if beside is not None:
         return beside
     try:
-        return beside if find_series(beside, progress=False).usable else None
+        return home if find_series(home, progress=False).usable else None
     except InputError:
         return None
 
@@ -192,45 +195,25 @@ def read_labels(paths: Sequence[AnyPath], volume: CTVolume | None) -> Labels:
     return found
 
 
-def _require_one_frame(case: Case) -> None:
-    """Refuse documents of another scan than the one they are shown on."""
-    known = [(name, frame) for name, frame, _ in _origins(case)]
-    for name, frame in known[1:]:
-        if frame != known[0][1]:
-            raise FrameMismatchError(
-                f"{name} is in frame {frame} but {known[0][0]} in {known[0][1]}; a case holds one examination"
-            )
-
-
-def _require_same_voxels(case: Case) -> None:
-    """Refuse markers of other voxels than the scan's; where no frame has a UID, only the voxels tell one scan."""
+def _require_one_scan(case: Case) -> None:
+    """Refuse documents of another scan than the one they are shown on, and markers of other voxels in any series."""
+    known = _identities(case)
+    for one in known[1:]:
+        known[0].require(one)
     stated = case.fiducials.source.voxel_sha256 if case.fiducials else None
     if case.volume is not None and stated not in (None, case.volume.voxel_sha256):
         raise InputError(
             f"{FIDUCIALS} was made from other voxels than those of the scan; give the scan it was made from"
         )
-    origins = _origins(case)
-    if len(origins) > 1 and origins[0][1].uid is None:
-        first, voxels = origins[0][0], {voxels for _, _, voxels in origins}
-        if len(voxels) > 1 or None in voxels:
-            others = ", ".join(name for name, _, _ in origins[1:])
-            raise FrameMismatchError(
-                f"neither {first} nor {others} names a frame of reference and their voxels differ or are not stated; "
-                "use the scan that the documents were made of"
-            )
 
 
-def _origins(case: Case) -> list[tuple[str, Frame, str | None]]:
-    """Return name, frame and SHA-256 of the voxels of the scan and of each document there is."""
-    found: list[tuple[str, Frame, str | None]] = []
-    if case.volume is not None:
-        found.append((SCAN, case.volume.frame, case.volume.voxel_sha256))
-    if case.fiducials is not None:
-        found.append((FIDUCIALS, case.fiducials.points.frame, case.fiducials.source.voxel_sha256))
-    if case.registration is not None:
-        found.append((REGISTRATION, case.registration.ct_frame, case.registration.source.voxel_sha256))
-    if case.plan is not None:
-        found.append((PLAN, case.plan.frame, case.plan.voxel_sha256))
-    if case.placement is not None:
-        found.append((PLACEMENT, case.placement.ct_frame, case.placement.source.voxel_sha256))
-    return found
+def _identities(case: Case) -> list[ScanIdentity]:
+    """Return which scan the scan is, and that of each document there is, by their names in a case."""
+    found = {
+        SCAN: case.volume,
+        FIDUCIALS: case.fiducials,
+        REGISTRATION: case.registration,
+        PLAN: case.plan,
+        PLACEMENT: case.placement,
+    }
+    return [replace(one.identity, name=name) for name, one in found.items() if one is not None]

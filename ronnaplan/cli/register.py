@@ -112,7 +112,7 @@ def _targets(arguments: argparse.Namespace, fiducials: FiducialsDocument) -> Poi
         from ronnaplan.documents.plan import read_plan
 
         plan = read_plan(arguments.plan)
-        plan.require_source(frame, fiducials.source.voxel_sha256)
+        fiducials.identity.require(plan.identity)
         labels = (*plan.points.labels, *labels)
         places = np.concatenate([plan.points.positions_mm, places])
     return Points(places, np.zeros((len(places), 3, 3)), labels, frame)

@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.output:
         require_ending(arguments.output, to, ENDINGS.get(to, ("",)))
     chain, plan = read_chain(arguments.chain), read_plan(arguments.plan)
-    plan.require_source(chain.ct_frame, chain.source.voxel_sha256)
+    plan.identity.require(chain.identity)
     x_axes, approach_mm = _rolls(arguments, plan, chain)
     trajectories = [
         robot_trajectory(one.name, one.entry_mm, one.target_mm, chain.pose, frame=plan.frame, x_axis=x_axis)

@@ -134,7 +134,7 @@ def _chain(arguments: argparse.Namespace, case: Case) -> ChainDocument | None:
         return None
     chain = read_chain(arguments.chain)
     assert case.plan is not None
-    case.plan.require_source(chain.ct_frame, chain.source.voxel_sha256)
+    case.plan.identity.require(chain.identity)
     return chain
 
 
@@ -244,8 +244,12 @@ def _source(case: Case) -> Source:
 
     assert case.plan is not None
     assert case.volume is not None
+    source = case.volume.source
     return Source(
-        frame_of_reference_uid=case.plan.source.frame_of_reference_uid, voxel_sha256=case.volume.voxel_sha256
+        study_instance_uid=source.study_instance_uid,
+        series_instance_uid=source.series_instance_uid,
+        frame_of_reference_uid=source.frame_of_reference_uid,
+        voxel_sha256=case.volume.voxel_sha256,
     )
 
 

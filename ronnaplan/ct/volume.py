@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ronnaplan.ct.grid import SliceGrid
+from ronnaplan.ct.identity import ScanIdentity
 from ronnaplan.ct.scratch import one_by_one
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.geometry import FloatArray, Frame, as_point, as_points
@@ -226,6 +227,11 @@ class CTVolume(Gridded):
     def frame(self) -> Frame:
         """The patient frame this scan lives in."""
         return Frame("CT", self.source.frame_of_reference_uid)
+
+    @property
+    def identity(self) -> ScanIdentity:
+        """Which scan this is."""
+        return ScanIdentity("the scan", self.frame, self.source.series_instance_uid, self.voxel_sha256)
 
     @cached_property
     def voxel_sha256(self) -> str:

@@ -8,6 +8,7 @@ from typing import Any, Literal, Self
 import numpy as np
 from pydantic import model_validator
 
+from ronnaplan.ct.identity import ScanIdentity
 from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.fields import (
     DocumentModel,
@@ -94,6 +95,11 @@ class ChainDocument(DocumentModel):
     def ct_frame(self) -> Frame:
         """The scan's frame of reference."""
         return Frame("CT", self.source.frame_of_reference_uid)
+
+    @property
+    def identity(self) -> ScanIdentity:
+        """The scan that it belongs to."""
+        return self.source.identity("the chain", self.ct_frame)
 
     @property
     def pose(self) -> Pose:

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from pydantic import model_validator
 
+from ronnaplan.ct.identity import ScanIdentity
 from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.documents.fields import (
     Coordinate,
@@ -52,6 +53,10 @@ class Source(DocumentModel):
     """Reasons to doubt the scan's volume."""
     distortion: Line | None = None
     """How its geometry may be wrong, as markers or candidates that are alike ellipsoids tell."""
+
+    def identity(self, name: str, frame: Frame) -> ScanIdentity:
+        """Return the scan of a document, which is called ``name`` and whose points are in ``frame``."""
+        return ScanIdentity(name, frame, self.series_instance_uid, self.voxel_sha256)
 
     @property
     def doubts(self) -> tuple[str, ...]:
@@ -165,6 +170,11 @@ class FiducialsDocument(DocumentModel):
             tuple(entry.label for entry in self.fiducials),
             Frame("CT", self.source.frame_of_reference_uid),
         )
+
+    @property
+    def identity(self) -> ScanIdentity:
+        """The scan that the markers are in."""
+        return self.source.identity("the markers' document", self.points.frame)
 
     @property
     def radii_mm(self) -> FloatArray:

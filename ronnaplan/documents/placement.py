@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, FiniteFloat, SerializerFunctionWrapHandler, model_serializer, model_validator
 
+from ronnaplan.ct.identity import ScanIdentity
 from ronnaplan.documents.agreement import SAME_CENTER_MM
 from ronnaplan.documents.fiducials import FiducialEntry, Source
 from ronnaplan.documents.fields import (
@@ -247,6 +248,11 @@ class PlacementDocument(_Grown):
     def ct_frame(self) -> Frame:
         """The scan's frame of reference."""
         return Frame("CT", self.source.frame_of_reference_uid)
+
+    @property
+    def identity(self) -> ScanIdentity:
+        """The scan that it belongs to."""
+        return self.source.identity("the placement", self.ct_frame)
 
 
 def read_placement(path: str | os.PathLike[str]) -> PlacementDocument:

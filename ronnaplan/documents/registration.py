@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import model_validator
 
 from ronnaplan.correspondence.told import LEAST_PAIRS
+from ronnaplan.ct.identity import ScanIdentity
 from ronnaplan.ct.volume import CTVolume, ScalarMap
 from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.fields import (
@@ -154,6 +155,11 @@ class RegistrationDocument(DocumentModel):
         return Frame(self.frames.ct, self.source.frame_of_reference_uid)
 
     @property
+    def identity(self) -> ScanIdentity:
+        """The scan that it belongs to."""
+        return self.source.identity("the registration", self.ct_frame)
+
+    @property
     def pose(self) -> Pose:
         """``ots_from_ct`` with its covariance; raises `InputError` for a registration that was refused."""
         self.require_unique()
@@ -217,11 +223,7 @@ class RegistrationDocument(DocumentModel):
         """
         pose = self.pose
         tre = error_map(pose, volume, pose.from_frame)
-        if pose.from_frame.uid is None and self.source.voxel_sha256 != volume.voxel_sha256:
-            raise FrameMismatchError(
-                "neither the registration nor the scan names a frame of reference and their voxels differ; "
-                "use the scan whose markers were registered"
-            )
+        volume.identity.require(self.identity)
         return tre
 
 

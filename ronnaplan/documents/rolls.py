@@ -19,7 +19,7 @@ def placed_x_axes(placement: PlacementDocument, plan: Plan, chain: ChainDocument
     Raises `FrameMismatchError` for a placement of another scan, and `InputError` where its base is not the one that
     ``chain`` measured, where it does not serve a trajectory as it is now, and where it tells no such axes.
     """
-    plan.require_source(placement.ct_frame, placement.source.voxel_sha256)
+    plan.identity.require(placement.identity)
     if placement.status != "parked":
         raise InputError(
             f"the placement is {placement.status}; expected one from where the robot was parked: check this chain with "

@@ -17,7 +17,7 @@ def merged(base: Plan, mine: Plan, theirs: Plan) -> Plan:
     is not one change further than ``base`` (one was taken back, say); `FrameMismatchError` where ``theirs`` is of
     another scan.
     """
-    theirs.require_source(base.frame, base.voxel_sha256)
+    base.identity.require(theirs.identity)
     if len(mine.history) != len(base.history) + 1 or mine.history[:-1] != base.history:
         raise InputError(
             "the plan was changed by another hand meanwhile; look at it as it is now, then take back or make again"

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ronnaplan.ct.identity import ScanIdentity
 from ronnaplan.ct.volume import CTVolume, SeriesSource
 from ronnaplan.display import Shown, coordinates, head_in_3d
-from ronnaplan.errors import FrameMismatchError, InputError, check_type
+from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import Frame, Points
 from ronnaplan.planning.changes import Change, Item, exchanged, same
 from ronnaplan.planning.landmarks import Landmarks
@@ -109,24 +110,14 @@ class Plan(Shown[Trajectory]):
         positions = np.array(places, dtype=np.float64).reshape(count, 3)
         return Points(positions, np.zeros((count, 3, 3)), labels, self.frame)
 
+    @property
+    def identity(self) -> ScanIdentity:
+        """The scan that the plan was made on."""
+        return ScanIdentity("the plan", self.frame, self.source.series_instance_uid, self.voxel_sha256)
+
     def require_scan(self, volume: CTVolume) -> None:
-        """Raise `FrameMismatchError` unless ``volume`` is in the plan's frame (without UID: is its scan)."""
-        self.frame.require(volume.frame)
-        if self.frame.uid is None:
-            self._require_voxels(volume.voxel_sha256)
-
-    def require_source(self, frame: Frame, voxel_sha256: str | None) -> None:
-        """Raise `FrameMismatchError` unless a result of this frame (without UID: of these voxels) fits the plan."""
-        self.frame.require(frame)
-        if self.frame.uid is None:
-            self._require_voxels(voxel_sha256)
-
-    def _require_voxels(self, voxel_sha256: str | None) -> None:
-        if self.voxel_sha256 is None or self.voxel_sha256 != voxel_sha256:
-            raise FrameMismatchError(
-                "neither the plan nor the scan names a frame of reference and their voxels differ; "
-                "use the scan that the plan was made on"
-            )
+        """Raise as `ScanIdentity.require` does unless ``volume`` is the plan's scan, or another series of its frame."""
+        volume.identity.require(self.identity)
 
     def trajectory(self, name: str) -> Trajectory:
         """Return the trajectory called ``name``; raises `InputError` with the known names."""

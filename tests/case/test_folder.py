@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from ronnaplan.case.folder import Case, CaseFiles, read_case
+from ronnaplan.case.folder import Case, CaseFiles, read_case, read_scan
 from ronnaplan.errors import FrameMismatchError, InputError
 from tests import cases
 
@@ -49,3 +49,23 @@ def test_where_no_frame_is_named_only_the_voxels_tell_one_scan() -> None:
     for voxels in (None, "0" * 64):
         with pytest.raises(FrameMismatchError, match="voxels differ or are not stated"):
             Case(nameless, replace(bare, voxel_sha256=voxels))
+
+
+@pytest.mark.parametrize("document", ["plan", "registration"])
+def test_a_scan_that_was_replaced_under_its_uids_is_not_the_documents(document: str) -> None:
+    volume = cases.volume()
+    case = Case(volume, cases.plan()) if document == "plan" else Case(volume, registration=cases.registration())
+    replaced = replace(volume, voxels_hu=volume.voxels_hu + 1)
+    with pytest.raises(InputError, match=rf"{document}\.json is of other voxels than the scan"):
+        replace(case, volume=replaced)
+    elsewhere = replace(replaced, source=replace(volume.source, series_instance_uid="1.2.3"))
+    assert replace(case, volume=elsewhere).volume is elsewhere, "another series of the frame is the same head"
+
+
+def test_a_scan_that_lies_in_the_case_and_cannot_be_used_is_not_passed_over(tmp_path: Path) -> None:
+    assert read_scan(tmp_path, None, None) is None
+    (tmp_path / "ct").mkdir()
+    whole = next(cases.CT.glob("*.dcm")).read_bytes()
+    (tmp_path / "ct" / "1.dcm").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InputError, match=r"ct holds no usable CT series"):
+        read_scan(tmp_path, None, None)
