@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from ronnaplan.case import marker_edits
-from ronnaplan.case.folder import Case, CaseFiles, placement_at
+from ronnaplan.case.folder import Case, CaseFiles
 from ronnaplan.case.kept_files import KeptFiles
 from ronnaplan.case.steps import MarkerStep, Steps
 from ronnaplan.case.surroundings import Judgement, Labels, Rules
@@ -51,12 +51,10 @@ class OpenCase:
         """Open the case of ``volume`` whose documents lie at ``files``, or will; raises what `Case` raises."""
         self._kept = KeptFiles(files)
         self.require_files = self._kept.require_there
-        self.placement = placement_at(files.placement)
-        """Of the robot, as it was when the case was opened."""
         case = self._read(volume, rules or Rules(), no_go or {})
         self.volume, self.no_go, self.rules, self.surroundings = volume, case.no_go, case.rules, case.surroundings
         self.plan: Plan = Plan.of_scan(volume) if case.plan is None else case.plan
-        self.fiducials, self.registration = case.fiducials, case.registration
+        self.fiducials, self.registration, self.placement = case.fiducials, case.registration, case.placement
         self.before_drag: Plan | None = None
         self.unwritten = Waiting()
         """The change that could not be written."""
@@ -78,6 +76,7 @@ class OpenCase:
         others = (case.fiducials, case.registration) != (self.fiducials, self.registration)
         if others:
             self._steps.forget_markers()
+        self.placement = case.placement
         if others or case.rules.limits is not self.rules.limits:
             self.fiducials, self.registration, self.rules = case.fiducials, case.registration, case.rules
             self.surroundings = self.surroundings.with_documents(self.rules, self.fiducials, self.registration)
@@ -292,7 +291,7 @@ class OpenCase:
 
     def _read(self, volume: CTVolume, rules: Rules, no_go: Labels) -> Case:
         """Return the documents as they were last seen, checked to belong together."""
-        return Case(volume, *self._kept.documents, self._kept.stated(rules), no_go, placement=self.placement)
+        return Case(volume, *self._kept.documents, self._kept.stated(rules), no_go, placement=self._kept.placed)
 
 
 def _ends_mm(one: Trajectory) -> tuple[float, ...]:

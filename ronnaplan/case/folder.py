@@ -135,14 +135,12 @@ def read_case(
         stated,
         read_labels(no_go, volume),
         tuple(hashes),
-        placement_at(files.placement),
+        placement_at(files.placement) if files.placement else None,
     )
 
 
-def placement_at(path: Path | None) -> PlacementDocument | None:
-    """Read where the robot shall stand, None without a file; raises `InputError`."""
-    if path is None:
-        return None
+def placement_at(path: Path) -> PlacementDocument:
+    """Read where the robot shall stand; raises `InputError`."""
     from ronnaplan.documents.placement import read_placement  # few cases have one
 
     return read_placement(path)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ronnaplan.case.folder import CaseFiles
+from ronnaplan.case.folder import CaseFiles, placement_at
 from ronnaplan.case.surroundings import Rules
 from ronnaplan.documents.fiducials import FiducialsDocument, read_fiducials
 from ronnaplan.documents.kept import Kept
@@ -18,13 +18,16 @@ from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.planning import Limits, Plan
 from ronnaplan.planning.merging import merged
 
+if TYPE_CHECKING:
+    from ronnaplan.documents.placement import PlacementDocument
+
 Documents = tuple[Plan | None, FiducialsDocument | None, RegistrationDocument | None]
 
 
 class KeptFiles:
-    """Plan, fiducials, registration and limits; each ``content`` is None where there is no file yet.
+    """Plan, fiducials, registration, limits and placement; each ``content`` is None where there is no file yet.
 
-    ``limits`` are only read, and None where no file is named for them.
+    ``limits`` and ``placement`` are only read, and None where no file is named for them.
     """
 
     def __init__(self, files: CaseFiles) -> None:
@@ -35,6 +38,9 @@ class KeptFiles:
         self.fiducials = Kept(files.fiducials, read_fiducials, to_json)
         self.registration = Kept(files.registration, read_registration, to_json)
         self.limits: Kept[Limits] | None = Kept(files.limits, read_limits, repr) if files.limits else None
+        self.placement: Kept[PlacementDocument] | None = (
+            Kept(files.placement, placement_at, to_json) if files.placement else None
+        )
 
     @property
     def documents(self) -> Documents:
@@ -47,8 +53,14 @@ class KeptFiles:
         return rules if limits is None else replace(rules, limits=limits)
 
     @property
+    def placed(self) -> PlacementDocument | None:
+        """Where the robot shall stand, as last seen."""
+        return None if self.placement is None else self.placement.content
+
+    @property
     def _every(self) -> list[Kept[Any]]:
-        return [self.plan, self.fiducials, self.registration, *([self.limits] if self.limits else [])]
+        only_read = (self.limits, self.placement)
+        return [self.plan, self.fiducials, self.registration, *(one for one in only_read if one is not None)]
 
     def require_there(self) -> None:
         """Raise `InputError` where a document was removed that still counts: the files are another case."""

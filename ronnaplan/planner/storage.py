@@ -89,11 +89,9 @@ class Storage:
 
     @property
     def documents(self) -> CaseFiles:
-        """The documents of the case, there or not; the robot's placement only where it lies beside the plan."""
+        """The documents of the case, there or not."""
         placement = self.plan.with_name(PLACEMENT)
-        return CaseFiles(
-            self.plan, self.fiducials, self.registration, self.limits, placement if _is_file(placement) else None
-        )
+        return CaseFiles(self.plan, self.fiducials, self.registration, self.limits, placement)
 
     @property
     def found(self) -> dict[str, Path]:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from ronnaplan.documents.reading import to_json
+from ronnaplan.errors import InputError
 from ronnaplan.planner.opening import cube
 from ronnaplan.planner.regions import Region
 from ronnaplan.planner.scene import Scene
@@ -102,8 +103,15 @@ def test_only_what_is_left_of_an_opened_head_is_picked(scene: Scene) -> None:
 
 def test_the_robot_is_shown_where_its_placement_lies_beside_the_plan(tmp_path: Path) -> None:
     cases.write_case(tmp_path)
-    (tmp_path / "placement.json").write_text(to_json(document()))
     state = PlannerState(cases.volume(), Storage.of(str(tmp_path / "plan.json"), None, None))
+    assert state.case.placement is None
+    for written in (document(), document().model_copy(update={"arm": "another arm"})):
+        (tmp_path / "placement.json").write_text(to_json(written))
+        assert state.case.look_again(), "what another hand placed is shown in a planner that is open"
+        assert state.case.placement == written
+    (tmp_path / "placement.json").write_text("{")
+    with pytest.raises(InputError, match=r"placement\.json is not a JSON document"):
+        state.case.look_again()
     scene = Scene(state)
     scene.show_robot(state.case.placement)
     assert {"robot", "robot room"} <= {one["name"] for one in scene.listed}
