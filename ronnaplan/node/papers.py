@@ -5,6 +5,7 @@ They lie in a folder of the rule's, in a folder for each study, and are worked o
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -63,10 +64,11 @@ def stamp_of(folder: Path) -> str:
     return ", ".join(found)
 
 
-def object_of(kind: str, path: Path, scan: Path) -> Any:
+def object_of(kind: str, path: Path, scan: Path, tell: Callable[[str], None]) -> Any:
     """Return the object of a document of the series in the folder ``scan``, with its patient and study.
 
-    Raises `RonnaplanError` for a document of another series, a refused registration, or what is no such document.
+    ``tell`` is told what of these is left empty. Raises `RonnaplanError` for a document of another series, a refused
+    registration, or what is no such document.
     """
     from ronnaplan.documents.dicom_spatial import spatial_registration
     from ronnaplan.documents.fiducials import Source
@@ -77,8 +79,8 @@ def object_of(kind: str, path: Path, scan: Path) -> Any:
 
     if kind == "registration":
         document = read_registration(path)
-        return spatial_registration(document, patient_of_scan(scan, document.source))
+        return spatial_registration(document, patient_of_scan(scan, document.source, tell))
     plan = read_plan(path)
     uids = ("study_instance_uid", "series_instance_uid", "frame_of_reference_uid")
     source = Source(**{name: getattr(plan.source, name) for name in uids})
-    return planned_trajectories(plan, source, patient_of_scan(scan, source), sorted(scan.glob("*.dcm")))
+    return planned_trajectories(plan, source, patient_of_scan(scan, source, tell), sorted(scan.glob("*.dcm")))

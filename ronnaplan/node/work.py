@@ -83,7 +83,8 @@ class Begun:
     """A job whose voxels are no longer needed: what is to be made by whom, and what was found."""
 
     order: Order
-    makers: dict[str, Callable[[], FileDataset]]
+    makers: dict[str, Callable[..., FileDataset]]
+    """Those of `papers.KINDS` are given what to tell of values that are left empty."""
     reason: str
 
 
@@ -120,7 +121,9 @@ def finish(begun: Begun, tell: Tell, give_way: Callable[[Begun], None]) -> None:
     ``give_way``, called between them, may have another program finish it.
     """
     for kind in tuple(begun.makers):
-        _answer(begun.order, kind, begun.makers.pop(kind), tell)
+        make = begun.makers.pop(kind)
+        is_paper = kind in KINDS
+        _answer(begun.order, kind, partial(make, _left_empty(begun.order, tell)) if is_paper else make, tell)
         if begun.makers:
             give_way(begun)
     tell("ended", job=begun.order.job, state=DONE, reason=begun.reason)
@@ -136,9 +139,7 @@ def _gather(
     from ronnaplan.documents.patient import patient_of_scan
 
     document = fiducials_document(fiducials)
-    patient = patient_of_scan(
-        order.folder, document.source, lambda reason: tell("left empty", job=order.job, reason=reason)
-    )
+    patient = patient_of_scan(order.folder, document.source, _left_empty(order, tell))
     found = Markers(document, patient, images)
     if "fiducials" in wanted:
         _answer(order, "fiducials", partial(_fiducials, found), tell)
@@ -176,6 +177,11 @@ def _answer(order: Order, kind: str, make: Callable[[], FileDataset], tell: Tell
         write_atomically(path, dicom_bytes(made))
         told = {"sop_uid": made.SOPInstanceUID, "sop_class": made.SOPClassUID, "path": str(path)}
         tell("answer", job=order.job, kind=kind, **told)
+
+
+def _left_empty(order: Order, tell: Tell) -> Callable[[str], None]:
+    """Return what tells of a value of patient or study that DICOM does not know."""
+    return lambda reason: tell("left empty", job=order.job, reason=reason)
 
 
 @contextmanager

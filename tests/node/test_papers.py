@@ -105,6 +105,9 @@ def test_a_birth_date_that_is_none_keeps_no_answer_back_and_is_told_without_its_
     (empty,) = (line["reason"] for line in lines if line["event"] == "left empty")
     assert "PatientBirthDate is none that DICOM knows, and is left empty" in empty
     assert "1970" not in empty
+    later = told(order)  # of registration and plan
+    assert [line["event"] for line in later] == ["left empty", "answer", "left empty", "answer", "ended"]
+    assert {line["reason"] for line in later if line["event"] == "left empty"} == {empty}
 
 
 def test_a_document_of_another_scan_is_left_out_and_says_why(order: Order, tmp_path: Path) -> None:
