@@ -50,6 +50,16 @@ def with_sigma_ots(parser: Declares) -> None:
     )
 
 
+def with_paper(parser: Declares) -> None:
+    """Declare the size of a report's pages."""
+    parser.add_argument(
+        "--paper",
+        choices=("A4", "Letter"),
+        default="A4",
+        help="what a report is printed on (default: %(default)s)",
+    )
+
+
 def with_rules(parser: argparse.ArgumentParser) -> None:
     """Declare what a person states before trajectories are judged."""
     parser.add_argument("--limits", metavar="FILE", help="limits.json that trajectories are held against")

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ronnaplan.cli.case_options import rules, with_rules
+from ronnaplan.cli.case_options import rules, with_paper, with_rules
 from ronnaplan.cli.output import warn
 
 if TYPE_CHECKING:
@@ -26,9 +26,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--series", metavar="UID", help="the series to use, where there are several")
     with_rules(parser)
     parser.add_argument("--name", metavar="TEXT", help="what the case is called (default: as its folder)")
-    parser.add_argument(
-        "--paper", choices=("A4", "Letter"), default="A4", help="what it is printed on (default: %(default)s)"
-    )
+    with_paper(parser)
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="report.html or report.pdf")
 
 

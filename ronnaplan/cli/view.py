@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ronnaplan.cli.case_options import rules, with_documents, with_rules
+from ronnaplan.cli.case_options import rules, with_documents, with_paper, with_rules
 from ronnaplan.cli.peers import PEER, peer_of, with_config
 from ronnaplan.cli.values import whole
 from ronnaplan.extras import require_packages
@@ -61,6 +61,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="LABELS",
         help="a label map (NIfTI, NRRD, MetaImage, DICOM SEG) to show; nothing is judged by it; repeatable",
     )
+    with_paper(parser)
     parser.add_argument("--tracker", metavar="HOST:PORT", help="an OpenIGTLink server to listen to when asked")
     parser.add_argument(
         "--patient", action="store_true", help="show the patient's name, which is left out otherwise"
@@ -186,6 +187,7 @@ def _require_no_case(arguments: argparse.Namespace) -> None:
 def _stated(arguments: argparse.Namespace) -> tuple[str, ...]:
     """Return what was stated as options of ``ronnaplan report``."""
     stated = ["--sigma-ct", str(arguments.sigma_ct), "--sigma-ots", str(arguments.sigma_ots)]
+    stated += ["--paper", arguments.paper]
     stated += ["--limits", str(Path(arguments.limits).resolve())] if arguments.limits else []
     stated += _named("--no-go", arguments.no_go)
     if arguments.frame_axes:

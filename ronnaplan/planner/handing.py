@@ -92,7 +92,10 @@ class Handing:
                 target = Path(folder) / f"made-{name}"
                 options = [part.format(case=folder) for part in rest]
                 options += ["--ct", str(origin.ct), *(("--series", origin.series) if origin.series else ())]
-                options += origin.stated if verb == "report" else origin.regions
+                name_of_case = (
+                    f"--name={self._storage.plan.parent.name}"  # which that of the copies' folder is not
+                )
+                options += (name_of_case, *origin.stated) if verb == "report" else origin.regions
                 await _run(verb, *options, "-o", str(target))
                 return target.read_bytes()
 

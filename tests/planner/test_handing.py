@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from http import HTTPStatus
 from pathlib import Path
@@ -44,3 +45,27 @@ def test_nothing_is_made_without_a_document_that_still_counts(
     monkeypatch.setattr(handing, "_run", make)
     run(asked())
     assert made == ["report"]
+
+
+def test_a_report_is_called_as_the_case_and_made_as_it_was_stated(
+    storage: Storage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The files that it is made of are copies in a folder of another name."""
+    asked_for: list[str] = []
+
+    async def make(*options: str) -> None:
+        asked_for.extend(options)
+        Path(options[-1]).write_text("made")
+
+    async def asked() -> None:
+        application = web.Application()
+        origin = Origin(cases.CT, stated=("--paper", "Letter"))
+        application.add_routes(Handing(storage, origin, lambda: None, lambda: None).routes())
+        async with TestClient(TestServer(application)) as client:
+            assert (await client.get("/download/report.pdf")).status == HTTPStatus.OK
+
+    monkeypatch.setattr(handing, "_run", make)
+    run(asked())
+    values = dict(itertools.pairwise(asked_for))
+    assert f"--name={storage.plan.parent.name}" in asked_for
+    assert values["--paper"] == "Letter"
