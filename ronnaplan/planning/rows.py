@@ -26,6 +26,15 @@ def number(value: float | None, digits: int = 2) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
 
 
+def amount(value: float | None, unit: str) -> str:
+    """Write a value with its unit, or a dash alone where there is none.
+
+    >>> amount(12.345, "mm"), amount(None, "deg"), amount(1.0, "")
+    ('12.35 mm', '-', '1.00')
+    """
+    return "-" if value is None else f"{number(value)} {unit}".rstrip()
+
+
 def chance(value: float | None) -> str:
     """Write a chance by three digits; none that is not certain as if it were.
 
@@ -46,10 +55,10 @@ def shape_rows(one: Measures) -> Rows:
     """Return lengths, depths and angles of a path."""
     rows = [
         ("length", f"{one.length_mm:.2f} mm"),
-        ("target below scalp", f"{number(one.depth_below_scalp_mm)} mm"),
-        ("target below skull", f"{number(one.depth_below_skull_mm)} mm"),
-        ("bone along the path", f"{number(one.skull_thickness_mm)} mm"),
-        ("angle to the skull's normal", f"{number(one.skull_angle_deg)} deg"),
+        ("target below scalp", amount(one.depth_below_scalp_mm, "mm")),
+        ("target below skull", amount(one.depth_below_skull_mm, "mm")),
+        ("bone along the path", amount(one.skull_thickness_mm, "mm")),
+        ("angle to the skull's normal", amount(one.skull_angle_deg, "deg")),
         ("arc, ring of the frame", f"{one.arc.arc_deg:.1f}, {one.arc.ring_deg:.1f} deg"),
     ]
     if one.acpc is not None:
@@ -127,10 +136,15 @@ def _order(value: float, limit: float, digits: int) -> int:
 
 
 def verdict_sentence(one: Verdict) -> str:
-    """Return a verdict in words, without the trajectory's name."""
+    """Return a verdict in words, without the trajectory's name.
+
+    >>> verdict_sentence(Verdict("A", "angle to skull normal", None, "deg", 30.0, passes=False))
+    'angle to skull normal - (limit 30.00)'
+    """
     value, limit = value_and_limit(one)
+    unit = "" if one.value is None else one.unit
     against = "" if one.limit is None else f"(limit {limit})"
-    return " ".join(part for part in (one.measure, value, one.unit, against, one.remark) if part)
+    return " ".join(part for part in (one.measure, value, unit, against, one.remark) if part)
 
 
 def placement_sentence(placed: Placement) -> str:
