@@ -71,7 +71,9 @@ class Second:
         uid = image.source.frame_of_reference_uid
         same = uid is not None and uid == first.source.frame_of_reference_uid
         self._pose: FloatArray | None = np.eye(4) if same else None
-        self.quality = "placed by its own frame of reference, which is that of the scan" if same else ""
+        self.quality = (
+            "placed by its own frame of reference, which is that of the scan: nothing was compared" if same else ""
+        )
 
     @property
     def placed(self) -> bool:
@@ -124,7 +126,11 @@ class Second:
         if not is_rigid(found.moving_from_fixed):
             return
         self._pose = found.moving_from_fixed
-        doubt = "" if found.apart_mm <= DOUBTFUL_MM else "DOUBTFUL, look closely: "
+        doubt = "" if found.apart_mm <= DOUBTFUL_MM and not found.exchanged else "DOUBTFUL, look closely: "
+        if found.exchanged:
+            doubt += (
+                f"with {' and '.join(found.exchanged)} exchanged it fits better, as if its header were wrong; "
+            )
         self.quality = (
             f"{doubt}registered by SimpleITK (mutual information); two starts end {found.apart_mm:.2f} mm apart "
             "within the head. To look at only: nothing is measured in it"

@@ -78,13 +78,13 @@ class PlannerState:
         def keep(found: Alignment) -> None:
             rows = [tuple(row) for row in found.moving_from_fixed.tolist()]
             self.look.images[key] = PlacedImage.model_validate(
-                {"image_from_scan": tuple(rows), "apart_mm": found.apart_mm}
+                {"image_from_scan": tuple(rows), "apart_mm": found.apart_mm, "exchanged": found.exchanged}
             )
             self.look.save()
 
         self.second = Second(self.case.volume, image, name, lambda job: self.start(job), keep)
         if known is not None and not self.second.placed:
-            self.second.place(Alignment(np.array(known.image_from_scan), known.apart_mm))
+            self.second.place(Alignment(np.array(known.image_from_scan), known.apart_mm, known.exchanged))
 
     @property
     def other(self) -> Second:

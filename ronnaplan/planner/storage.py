@@ -29,10 +29,14 @@ the head large beside the cuts."""
 
 
 class PlacedImage(DocumentModel):
-    """Where another image lies: a rigid transform from the scan to it, and how far apart two starts ended, mm."""
+    """Where another image lies: a rigid transform from the scan to it, and how far apart two starts ended, mm.
+
+    ``exchanged`` are the sides of which its header seems to be wrong.
+    """
 
     image_from_scan: Matrix4
     apart_mm: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+    exchanged: tuple[Line, ...] = ()
 
 
 class ShownRegion(DocumentModel):

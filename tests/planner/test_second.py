@@ -80,6 +80,21 @@ def test_registration_finds_where_the_head_lies_and_says_how_sure(
     assert not again.other.placed  # what is no rigid motion is not believed
 
 
+def test_an_image_whose_header_exchanges_left_and_right_is_told(
+    state: PlannerState, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A head fits its mirror image as well as two starts can tell."""
+    monkeypatch.setattr("ronnaplan.planner.second.CELL_MM", SPACING_MM)
+    mirrored = replace(other_image(None), voxels_hu=other_image(None).voxels_hu[:, :, ::-1])
+    state.take_second(mirrored, "mr.nii")
+    state.other.register()
+    told = "DOUBTFUL, look closely: with left and right exchanged it fits better, as if its header were wrong"
+    assert state.other.quality.startswith(told)
+    again = reopened(state)
+    again.take_second(mirrored, "mr.nii")
+    assert again.other.quality == state.other.quality
+
+
 def test_an_image_of_the_same_frame_is_placed_at_once_and_blended_or_checkered() -> None:
     scan = cases.volume()
     second = Second(scan, replace(scan, voxels_hu=-scan.voxels_hu), "inverted", Job.do, lambda _: None)
