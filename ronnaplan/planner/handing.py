@@ -14,6 +14,7 @@ from typing import Final
 
 from aiohttp import web
 
+from ronnaplan.case.folder import FIDUCIALS, PLAN, REGISTRATION
 from ronnaplan.documents.files import write_atomically
 from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.planner.storage import Storage
@@ -81,6 +82,10 @@ class Handing:
     async def _made(self, name: str, origin: Origin) -> bytes:
         """Have a file made of the case as it is now, by a process of its own; one at a time."""
         verb, *rest = MADE[name]
+        if not self._storage.found.keys() & {PLAN, FIDUCIALS, REGISTRATION}:
+            raise web.HTTPUnprocessableEntity(
+                text=f"the case holds nothing yet that {name} could show; add a trajectory, or localize the markers"
+            )
         try:
             self._require_files()
         except RonnaplanError as error:
@@ -160,7 +165,7 @@ async def _run(*arguments: str) -> None:
         if process.returncode is None:
             process.kill()
     if process.returncode:
-        last = told.decode(errors="replace").strip().rpartition("\n")[2]
+        last = told.decode(errors="replace").strip().rpartition("\n")[2].removeprefix("ronnaplan: ")
         raise web.HTTPUnprocessableEntity(
             text=printable(last) or f"{arguments[0]} ended with {process.returncode}"
         )

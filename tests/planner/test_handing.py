@@ -69,3 +69,30 @@ def test_a_report_is_called_as_the_case_and_made_as_it_was_stated(
     values = dict(itertools.pairwise(asked_for))
     assert f"--name={storage.plan.parent.name}" in asked_for
     assert values["--paper"] == "Letter"
+
+
+def test_what_a_case_without_documents_lacks_is_told_by_no_folder_of_passing_files(tmp_path: Path) -> None:
+    storage = Storage.of(str(tmp_path / "plan.json"), None, None)
+
+    async def asked() -> None:
+        application = web.Application()
+        application.add_routes(Handing(storage, Origin(cases.CT), lambda: None, lambda: None).routes())
+        async with TestClient(TestServer(application)) as client:
+            refused = await client.get("/download/report.html")
+            assert refused.status == HTTPStatus.UNPROCESSABLE_ENTITY
+            assert (await refused.text()).startswith("the case holds nothing yet that report.html could show")
+
+    run(asked())
+
+
+def test_why_a_file_cannot_be_made_is_told_without_the_command_s_name(storage: Storage, tmp_path: Path) -> None:
+    async def asked() -> None:
+        application = web.Application()
+        origin = Origin(tmp_path / "gone")
+        application.add_routes(Handing(storage, origin, lambda: None, lambda: None).routes())
+        async with TestClient(TestServer(application)) as client:
+            refused = await client.get("/download/scene.glb")
+            assert refused.status == HTTPStatus.UNPROCESSABLE_ENTITY
+            assert (await refused.text()).startswith(f"there is no file or folder {origin.ct}")
+
+    run(asked())
