@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.case.folder import CT_FOLDER, FIDUCIALS, PLAN
-from ronnaplan.ct.catalogue import find_series
+from ronnaplan.ct.catalogue import Series, find_series
+from ronnaplan.ct.files import DiskFile
 from ronnaplan.ct.images import is_image_file
 from ronnaplan.ct.preview import preview
 from ronnaplan.ct.summary import SeriesSummary, summarize, summary_of
@@ -24,11 +25,20 @@ MOST_LISTED = 1000
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """One series that was found at ``path``; ``picture`` (J, I) is None where none can be drawn."""
+    """One series that was found at ``path``, whose documents lie in the folder ``case``.
+
+    ``picture`` (J, I) is None where none can be drawn.
+    """
 
     path: Path
+    case: Path
     summary: SeriesSummary
     picture: NDArray[np.uint8] | None
+
+    @property
+    def is_known(self) -> bool:
+        """Whether it was planned in."""
+        return (self.case / PLAN).is_file()
 
     @property
     def series(self) -> str | None:
@@ -80,21 +90,30 @@ class Places:
 def series_at(path: Path) -> list[Found]:
     """Return the series at a path, those that can be used first; raises `InputError` where there are none."""
     if path.is_file() and is_image_file(path):
-        return [Found(path, summarize(path)[0][0], None)]
+        return [Found(path, path.parent, summarize(path)[0][0], None)]
     catalogue = find_series(path)
     catalogue.require_series()
     ordered = sorted(catalogue.series, key=lambda one: not one.is_usable)
-    return [Found(path, summary_of(one), preview(one)) for one in ordered]
+    return [Found(path, _case_of(path, one), summary_of(one), preview(one)) for one in ordered]
 
 
 def rows(found: list[Found]) -> list[dict[str, Any]]:
     """Return series as the page lists them, without the patient."""
-    told = [asdict(one.summary) | {"drawn": one.picture is not None} for one in found]
+    told = [asdict(one.summary) | {"drawn": one.picture is not None, "known": one.is_known} for one in found]
     for one in told:
         del one["patient_name"]
     return told
 
 
-def case_of(scan: Path) -> Path:
-    """Return the folder in which the documents of a scan lie: its parent where it is a file or is called ``ct``."""
-    return scan.parent if scan.is_file() or scan.name == CT_FOLDER else scan
+def _case_of(path: Path, series: Series) -> Path:
+    """Return the folder of a scan's documents: that of its files, and the one above of an archive or of ``ct``.
+
+    That is one folder wherever the scan was looked for, and another one for each patient below it.
+    """
+    if path.is_file():
+        return path.parent
+    images = [] if series.stack is None else series.stack.slices
+    files = {one.instance.blob for one in images}
+    folders = {os.path.dirname(one.path) for one in files if isinstance(one, DiskFile)}  # noqa: PTH120
+    scan = Path(os.path.commonpath(folders)) if folders else path
+    return scan.parent if scan.name == CT_FOLDER else scan

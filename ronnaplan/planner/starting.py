@@ -20,7 +20,7 @@ from ronnaplan.errors import InputError, RonnaplanError, UsageError
 from ronnaplan.planner.address import Address, needed_place
 from ronnaplan.planner.dropped import Dropped
 from ronnaplan.planner.gate import gate, is_worth_telling
-from ronnaplan.planner.places import Found, Places, case_of, rows, series_at
+from ronnaplan.planner.places import Found, Places, rows, series_at
 from ronnaplan.planner.shelves import Shelf, Shelves, keyed
 from ronnaplan.planner.state import PlannerState
 
@@ -78,12 +78,7 @@ class StartPage:
         found = await self._work("looking for series", lambda: series_at(path))
         self.found, series = keyed(found, rows(found))
         self._from_drop = at is None
-        case = None if self._from_drop else case_of(path)
-        return {
-            "series": series,
-            "name": self._free_name() if case is None else "",
-            "known": case is not None and (case / PLAN).is_file(),
-        }
+        return {"series": series, "name": self._free_name() if self._from_drop else ""}
 
     async def _thumbnail(self, request: web.Request) -> web.Response:
         one = self.found.get(request.match_info["key"])
@@ -131,7 +126,7 @@ class StartPage:
 
     def _opened_case(self, one: Found, name: str) -> PlannerState:
         if not self._from_drop:
-            return self.open_case(one.path, one.series, case_of(one.path) / PLAN)
+            return self.open_case(one.path, one.series, one.case / PLAN)
         case = self.home / name
         if case.exists():
             raise InputError(f"{name} is there already; give the case another name")

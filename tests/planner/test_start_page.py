@@ -14,9 +14,10 @@ from typing import Any
 import pytest
 from aiohttp import web
 from aiohttp.test_utils import TestClient, TestServer
+from pydicom import dcmread
 
 from ronnaplan.errors import UsageError
-from ronnaplan.planner.places import Places, case_of, rows, series_at
+from ronnaplan.planner.places import Places, rows, series_at
 from ronnaplan.planner.starting import StartPage
 from tests import cases
 from tests.loops import run
@@ -53,7 +54,21 @@ def test_series_are_listed_with_a_picture_and_without_the_patient(scans: Path) -
     assert one.picture is not None
     assert max(one.picture.shape) == 96
     assert one.picture.max() > 150 > 50 > one.picture.min()
-    assert case_of(scans / "study" / "ct") == case_of(scans / "study") == scans / "study"
+
+
+def test_a_scan_is_of_one_case_wherever_it_was_looked_for_and_each_of_its_own(scans: Path) -> None:
+    """Of two patients below a root the first had the root's case, and the other one was refused for that."""
+    other = scans / "other"
+    other.mkdir()
+    for file in (scans / "study" / "ct").glob("*.dcm"):
+        made = dcmread(file)
+        made.SeriesInstanceUID = "1.2.3"
+        made.save_as(other / file.name)
+    found = {one.case: one for one in series_at(scans)}
+    assert sorted(found) == [other, scans / "study"]
+    for looked_in in (scans / "study", scans / "study" / "ct"):
+        assert [one.case for one in series_at(looked_in)] == [scans / "study"]
+    assert [row["known"] for row in rows([found[other], found[scans / "study"]])] == [False, True]
 
 
 def test_no_series_of_another_tabs_folder_is_opened_in_the_place_of_one_that_is_listed(scans: Path) -> None:

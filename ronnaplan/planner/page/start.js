@@ -129,7 +129,7 @@
   const range = (pair) => (pair ? [...new Set(pair.map((value) => value.toFixed(2)))].join(" to ") : "?");
   async function list(of, heading) {
     one("found").hidden = true; // what stands there is of another place
-    const { series, name, known } = await ask(`series?${query(of)}`);
+    const { series, name } = await ask(`series?${query(of)}`);
     one("found").querySelector("h2").textContent = heading;
     one("found").hidden = false;
     one("case").hidden = !name;
@@ -140,7 +140,7 @@
       const title = made("td", {}, `${row.modality} ${row.description || "(no description)"}`, made("small", {}, `${row.kernel} ${row.series}`));
       const told = made("td", {}, made("span", { className: usable ? "yes" : "no" }, usable ? "can be planned in" : row.problems.join("; ")));
       if (usable) for (const note of row.notes) told.append(made("small", { className: "doubt" }, note));
-      const press = made("button", { type: "button", disabled: !usable, onclick: () => open(row.key) }, known ? "go on" : "plan");
+      const press = made("button", { type: "button", disabled: !usable, onclick: () => open(row.key) }, row.known && !name ? "go on" : "plan");
       press.setAttribute("aria-label", `${press.textContent}: ${row.description || row.series}`);
       const voxels = row.pixel_mm ? `${range(row.pixel_mm)} x ${range(row.spacing_mm)}` : "";
       return made("tr", {}, made("td", {}, picture), title, made("td", {}, row.images), made("td", {}, voxels), told, made("td", {}, press));
