@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_matrix
 from scipy.spatial import cKDTree
 
 from ronnaplan.correspondence.pairing import IntArray
@@ -55,7 +56,23 @@ class Chance:
         return cls(problem, *(Densities.of(points, problem.sigma_mm) for points in (problem.ct, problem.ots)))
 
     def pair_probabilities(self, matrix: FloatArray, partner: IntArray) -> FloatArray:
-        """Return the probability of each pair of a pose (3, 4), against outliers that meet and against its neighbours.
+        """Return the probability of each pair of a pose (3, 4), against outliers that meet and its neighbours."""
+        return self._meetings(matrix, partner)[1][partner >= 0]
+
+    def point_probabilities(self, matrix: FloatArray, partner: IntArray) -> FloatArray:
+        """Return the probability of each point that it is of a pose's body, whichever of its neighbours it pairs with.
+
+        Of the set in which such points are fewer: no two of a set have one partner.
+        """
+        near, _, odds = self._meetings(matrix, partner)
+        of_sets = [
+            np.bincount(index, odds, count)
+            for index, count in zip((near.row, near.col), self.problem.counts, strict=True)
+        ]
+        return min((sums / (1.0 + sums) for sums in of_sets), key=np.sum)
+
+    def _meetings(self, matrix: FloatArray, partner: IntArray) -> tuple[coo_matrix, FloatArray, FloatArray]:
+        """Return which points lie near each other under a pose, the probability (n,) of each pair, and all odds.
 
         Markers of both sets, and the outliers of each, lie with densities of their own: the odds of points (i, j) at
         the distance r are those of the markers times N(r; 0, c), over the product of the outliers' there.  The
@@ -71,10 +88,11 @@ class Chance:
         is_pair = partner[near.row] == near.col
         i, j = near.row[is_pair], near.col[is_pair]
         probabilities, of_ots = (partner >= 0).astype(np.float64), np.bincount(j, minlength=m).astype(np.float64)
+        odds = likelihood
         for _ in range(ROUNDS):
             ct, ots = self.ct.density(1.0 - probabilities), self.ots.density(1.0 - of_ots)
             odds = likelihood * self.ct.density(probabilities)[near.row] / (ct[near.row] * ots[near.col])
             sums = np.bincount(near.row, odds, n)[i] + np.bincount(near.col, odds, m)[j]
             probabilities[:], of_ots[:] = 0.0, 0.0
             probabilities[i] = of_ots[j] = odds[is_pair] / (1.0 + sums - odds[is_pair])
-        return probabilities[partner >= 0]
+        return near, probabilities, odds

@@ -85,7 +85,7 @@ def weighed(problem: Problem, found: Found, of_pairs: FloatArray, least_probabil
         return Pairing("unmatched", no_pairs(), 0.0, reason=nothing_found(found))
     best = found.poses[0]
     rivals = rivals_of(found.poses)
-    others = sum(rival_odds(found.chance, best, of_pairs, pose) for pose in found.poses[1:])
+    others = odds_of_rivals(found)
     probability = 1.0 / (1.0 + others + found.missed + math.exp(min(-best.log_evidence, 700.0)))
     if probability < least_probability:
         reason = f"the best pose has probability {probability:.4g}, at least {least_probability:g} is required"
@@ -180,19 +180,26 @@ def nothing_found(found: Found) -> str:
     return f"{reason}; the search was given up before poses of fewer than {found.least_sure} pairs were sure to be seen"
 
 
+def odds_of_rivals(found: Found) -> float:
+    """Return the odds of the poses that were found to the best of them."""
+    best, *others = found.poses
+    of_best = found.chance.point_probabilities(best.matrix, best.partner) if others else np.zeros(0)
+    return sum(rival_odds(found.chance, best, of_best, pose) for pose in others)
+
+
 def rival_odds(chance: Chance, best: Pose, of_best: FloatArray, rival: Pose) -> float:
-    """Return the odds of a rival pose to the best, whose pairs are right with the probabilities ``of_best``.
+    """Return the odds of a rival pose to the best, of whose body points are with the probabilities ``of_best``.
 
     Two poses explain the same points by their evidence.  But where the rival pairs points that the best leaves,
     and more of them than chance would, both sets hold two rigid bodies, and evidence does not tell which of them
-    is the patient: the larger is, by `LOG_ODDS_PER_PAIR` for each pair more.  The same goes for a rival that pairs
+    is the patient: the larger is, by `LOG_ODDS_PER_PAIR` for each point more.  The same goes for a rival that pairs
     the same points otherwise and fits as well: they are regular (a lattice, a circle), and of so many points the
     noise alone makes evidences differ by many nats.
     """
     by_evidence = math.exp(min(rival.log_evidence - best.log_evidence, 0.0))
-    by_pairs = odds_by_pairs(of_best, chance.pair_probabilities(rival.matrix, rival.partner))
+    by_size = odds_by_size(of_best, chance.point_probabilities(rival.matrix, rival.partner))
     if fits_as_well(best.chi2, len(best.pairs), rival.chi2, len(rival.pairs)):
-        return max(by_evidence, by_pairs)
+        return max(by_evidence, by_size)
     pairs = best.pairs
     rest = np.where(np.isin(np.arange(len(rival.partner)), pairs[:, 0]), -1, rival.partner)
     rest = np.where(np.isin(rest, pairs[:, 1]), -1, rest)
@@ -200,14 +207,15 @@ def rival_odds(chance: Chance, best: Pose, of_best: FloatArray, rival: Pose) -> 
         return by_evidence
     alone = pose_evidence(chance.problem, rest, len(pairs))[1]
     real = 1.0 / (1.0 + math.exp(min(-alone, 700.0)))
-    return max(by_evidence, real * by_pairs)
+    return max(by_evidence, real * by_size)
 
 
-def odds_by_pairs(of_best: FloatArray, of_rival: FloatArray) -> float:
-    """Return the odds of a body to the best by the number of its pairs, which are right with ``of_rival`` (L,).
+def odds_by_size(of_best: FloatArray, of_rival: FloatArray) -> float:
+    """Return the odds of a body to the best by the number of its points, which are its own with ``of_rival`` (L,).
 
-    `LOG_ODDS_PER_PAIR` for each pair more, averaged over which pairs are right: by their expected numbers alone one of
-    two equal bodies would be taken where a few of the other's pairs are doubtful.
+    `LOG_ODDS_PER_PAIR` for each more, averaged over which points are a body's own: by their expected numbers alone one
+    of two equal bodies would be taken where a few of the other's points are doubtful.  Points count, not pairs: where a
+    body is so dense that its points have several neighbours, each of its pairs is doubtful, but not how many there are.
     """
     more = math.exp(LOG_ODDS_PER_PAIR)
     log_odds = np.log1p(of_rival * (more - 1.0)).sum() + np.log1p(of_best * (1.0 / more - 1.0)).sum()
