@@ -12,7 +12,7 @@ from ronnaplan.correspondence.evidence import SCALES, fits_as_well, is_collinear
 from ronnaplan.correspondence.exact import in_volume, search
 from ronnaplan.correspondence.lookup import point_grid
 from ronnaplan.correspondence.pairing import LEFT_HANDED, MOST_RIVALS, TWO_BODIES, Pairing, Rival, no_pairs
-from ronnaplan.correspondence.poses import SUCCESS_SIZES, Found, find_poses, work_allowed
+from ronnaplan.correspondence.poses import SUCCESS_SIZES, Found, find_poses, weighed_anew, work_allowed
 from ronnaplan.correspondence.priors import size_priors
 from ronnaplan.correspondence.problem import Problem, moved_pairs, pairs_of
 from ronnaplan.correspondence.refining import PAIR_SIGMAS, refined
@@ -27,6 +27,10 @@ MISSED_SHARE = 0.1
 LEAST_SCALE = 1.5
 """Errors this many times as large as stated, by the residuals of the best pose, are taken for what they are, and poses
 are sought anew: with errors as stated, pairs of larger ones are lost, and equals are missed."""
+
+DOUBTED_SCALE = 1.15
+"""From here on rivals are sought with such errors, too, and weighed with those that are stated. Of two equal bodies the
+other was missed else, for its residuals are taken for smaller than they are where some of its pairs are lost."""
 
 SCALE_ROUNDS = 4
 
@@ -63,9 +67,14 @@ def match_large(problem: Problem, least_probability: float) -> Pairing:
     acceptable = MISSED_SHARE * (1.0 - least_probability)
     kept_back = MIRROR_SHARE * work_allowed(problem)
     found = find_poses(problem, acceptable, work_done=kept_back)
-    if found.poses and (scale := scale_of_errors(found.chance, found.poses[0])) > LEAST_SCALE:
-        problem = problem.with_errors(scale)
-        found = find_poses(problem, acceptable, work_done=found.work, before=found.poses)
+    scale = scale_of_errors(found.chance, found.poses[0]) if found.poses else 1.0
+    if scale > DOUBTED_SCALE:
+        larger = problem.with_errors(scale)
+        wider = find_poses(larger, acceptable, work_done=found.work, before=found.poses)
+        if scale > LEAST_SCALE:
+            problem, found = larger, wider
+        else:
+            found = replace(found, poses=weighed_anew(problem, [*found.poses, *wider.poses]), work=wider.work)
     best = found.poses[0] if found.poses else None
     of_pairs = np.zeros(0) if best is None else found.chance.pair_probabilities(best.matrix, best.partner)
     answer = weighed(problem, found, of_pairs, least_probability)

@@ -196,6 +196,15 @@ def find_poses(
     return Found(poses, missed, done >= triangles, sure, work_allowed(problem) - work_left, chance)
 
 
+def weighed_anew(problem: Problem, poses: Sequence[Pose]) -> list[Pose]:
+    """Return poses that were found with other errors, refined and weighed with those of a problem, best first."""
+    search = Search.of(problem, every=False)
+    anew: list[Pose] = []
+    for pose in poses:
+        add_pose(anew, refine(search, pose.matrix))
+    return sorted(anew, key=lambda pose: -pose.log_evidence)
+
+
 def looked_up(
     search: Search,
     seeds: IntArray,
