@@ -5,7 +5,8 @@
 Every pairing of a test is weighed at each scale of the errors; then rules decide on the same tests: a prior of the
 scale and a level each, one that knows what it is judged by (the likelihood as stated of the best pairing against that
 of the others were the errors four times as large), and the matcher's: its prior at 0.99, and the best has to stand
-against the others at four times (`MOST_ODDS_IF_LARGER`, the dot).  What ``match_points`` looks at more closely is not
+against the others at four times (`MOST_ODDS_IF_LARGER`, the dot); and one for the worst case, whose odds have to hold
+at every scale that the best pairing's residuals do not exclude.  What ``match_points`` looks at more closely is not
 counted.
 """
 
@@ -75,6 +76,11 @@ MOST_POWERFUL = "the likelihood ratio where its prior gives 0.99"
 RATIOS = {f"1/{against}": against / (1.0 + against) for against in (50, 100, 150, 250, 400)}
 
 
+WORST_CASE = "at every scale of half to four times where its prior gives 0.99"
+NOT_EXCLUDED = math.log(20.0)
+"""Scales at which the best pairing is less probable by more than this than at its best one are excluded."""
+
+
 def main() -> None:
     """Measure, print and draw."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -98,6 +104,9 @@ def main() -> None:
         write(outliers, BOTH, both, ODDS_OF_BOTH)
         ratio = {scale: judge_ratio(*tests) for scale, tests in cells.items()}
         write(outliers, MOST_POWERFUL, ratio, RATIOS)
+        for name, most in (("not excluded", NOT_EXCLUDED), ("any", np.inf)):
+            worst = {scale: judge_worst_case(*tests, most) for scale, tests in cells.items()}
+            write(outliers, f"{WORST_CASE}, {name}", worst, ODDS_OF_BOTH)
         share, errors = rates(both, 1.0 / (1.0 + MOST_ODDS_IF_LARGER))
         axis.plot(share, max(errors[-1], 1e-3), "ko", ms=7, zorder=5)
         axis.axhline(GOAL, color="0.6", ls=":", lw=1)
@@ -181,6 +190,19 @@ def judge_ratio(tests: Tests, background: float) -> tuple[FloatArray, BoolArray]
             odds[t] = np.logaddexp.reduce(evidence[:, stated]) - np.logaddexp.reduce(others)
     ratio = 1.0 / (1.0 + np.exp(-np.clip(odds, -700, 700)))
     return np.where(probability >= LEAST_PROBABILITY, ratio, 0.0), right
+
+
+def judge_worst_case(tests: Tests, background: float, most: float) -> tuple[FloatArray, BoolArray]:
+    """Return what `judge_both` does, by the worst of the scales at which the best pairing is ``most`` nats behind."""
+    probability, right = judge(tests, background, MATCHER, MATCHER)
+    odds = np.full(len(tests), np.inf)
+    for t, (evidence, _) in enumerate(tests):
+        if len(evidence) > 1:
+            top = int(np.logaddexp.reduce(evidence + MATCHER, axis=1).argmax())
+            ahead = evidence[top] - np.logaddexp.reduce(np.delete(evidence, top, axis=0), axis=0)
+            odds[t] = ahead[evidence[top] >= evidence[top].max() - most].min()
+    worst = 1.0 / (1.0 + np.exp(-np.clip(odds, -700, 700)))
+    return np.where(probability >= LEAST_PROBABILITY, worst, 0.0), right
 
 
 def rates(judged: Judged, level: float) -> tuple[float, list[float]]:
