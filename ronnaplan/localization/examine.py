@@ -23,6 +23,7 @@ from ronnaplan.localization.judge.blur import blur_mm2
 from ronnaplan.localization.judge.crossed import without_the_screw
 from ronnaplan.localization.judge.evidence import Evidence, Usual
 from ronnaplan.localization.judge.motion import Movement
+from ronnaplan.localization.judge.rim import without_the_rim
 from ronnaplan.localization.judge.strain import shape_of
 from ronnaplan.localization.judge.uncertainty import (
     by_excess,
@@ -185,9 +186,11 @@ def _fit(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build, he
     if scan.slant is not None or head is Head.LEFT:
         return _fit_as_summed(scan, center_mm, diameter_mm, build, head)[0]
     # Each is handed over without a name here, so that none is held until the next is made.
-    return without_the_screw(
-        scan.volume,
-        without_the_head(scan.volume, *_fit_as_summed(scan, center_mm, diameter_mm, build, head)),
+    return without_the_rim(
+        without_the_screw(
+            scan.volume,
+            without_the_head(scan.volume, *_fit_as_summed(scan, center_mm, diameter_mm, build, head)),
+        )
     )
 
 

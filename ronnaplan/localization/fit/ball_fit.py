@@ -35,7 +35,8 @@ class BallFit:
     top of the scale. ``made_good_mm`` (3,) is how far the center was moved, in LPS, by what a head does to the image
     being made good, and None where that was not done. ``crossed_mm2`` (3, 3), along u, v, w, is how well the pull of a
     screw that crosses its slices is known, which was made good (`judge.crossed`), and None where none
-    does.
+    does. ``rim_mm2`` (3, 3) is the same of what the rim of a socket does to directions beside it, which were left
+    out (`judge.rim`).
     """
 
     neighbourhood: Neighbourhood
@@ -56,6 +57,7 @@ class BallFit:
     ceiling_hu: float
     made_good_mm: FloatArray | None = None
     crossed_mm2: FloatArray | None = None
+    rim_mm2: FloatArray | None = None
 
     @property
     def center_mm(self) -> FloatArray:
