@@ -51,9 +51,7 @@ def without_the_rim(fit: BallFit) -> BallFit:
     is_left_out = fit.verdict.state == 0
     is_clear = ~near_any(cell_directions(), is_left_out, math.cos(math.radians(CLEAR_DEG)))
     clear = fit.used & is_clear[direction_cells(fit.neighbourhood.offsets_mm - fit.theta[CENTER])]
-    if np.mean(is_clear) < LEAST_CLEAR or not 3 * len(fit.theta) <= np.count_nonzero(clear) < np.count_nonzero(
-        fit.used
-    ):
+    if not is_left_out.any() or np.mean(is_clear) < LEAST_CLEAR or np.count_nonzero(clear) < 3 * len(fit.theta):
         return fit
     theta, converged = descend(fit.neighbourhood.select(clear), fit.theta, fit.prior, fit.ceiling_hu)
     slopes = fit.made_good_mm is None
