@@ -34,9 +34,10 @@ def test_a_socket_does_not_draw_its_ball_in() -> None:
     volume = in_a_socket(0.8, np.array([-1.0, 0.0, 0.0]))
     fit = fit_of(volume)
     error_mm = fit.center_mm - CENTER_MM
-    stated_mm2 = Evidence(fit, DIAMETER_MM, 1.0, noise_level(fit), 0.0, volume).covariance_mm2
+    evidence = Evidence(fit, DIAMETER_MM, 1.0, noise_level(fit), 0.0, volume)
     assert np.abs(error_mm).max() < 0.012  # 0.044 with what the rim shines into
-    assert error_mm @ np.linalg.solve(stated_mm2, error_mm) < 7.8
+    assert error_mm @ np.linalg.solve(evidence.covariance_mm2, error_mm) < 7.8
+    assert len(evidence.edge.used) == np.count_nonzero(fit.used)  # the others would tell of motion
 
 
 def test_a_thin_post_leaves_its_ball_as_it_was_fitted() -> None:
