@@ -61,8 +61,10 @@ def without_the_rim(fit: BallFit) -> BallFit:
     if not alone.converged:
         return fit
     moved_mm = alone.theta[CENTER] - fit.theta[CENTER]
-    noise_mm2 = HALF_A_BALL**2 * WEIGHTS["slices"] * by_slices(alone) + WEIGHTS["least"] * np.eye(3)
+    told_mm2 = WEIGHTS["slices"] * by_slices(alone)
+    noise_mm2 = HALF_A_BALL**2 * told_mm2 + WEIGHTS["least"] * np.eye(3)
     if moved_mm @ inverse(noise_mm2) @ moved_mm < SURE**2:
         return fit
     left_mm = STILL_DRAWN * moved_mm
-    return replace(alone, made_good_mm=fit.made_good_mm, rim_mm2=np.outer(left_mm, left_mm))
+    more_mm2 = (HALF_A_BALL**2 - 1.0) * told_mm2 + np.outer(left_mm, left_mm)
+    return replace(alone, made_good_mm=fit.made_good_mm, rim_mm2=more_mm2)
