@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -195,9 +196,8 @@ def read_labels(paths: Sequence[AnyPath], volume: CTVolume | None) -> Labels:
 
 def _require_one_scan(case: Case) -> None:
     """Refuse documents of another scan than the one they are shown on, and markers of other voxels in any series."""
-    known = _identities(case)
-    for one in known[1:]:
-        known[0].require(one)
+    for one, other in combinations(_identities(case), 2):
+        one.require(other)
     stated = case.fiducials.source.voxel_sha256 if case.fiducials else None
     if case.volume is not None and stated not in (None, case.volume.voxel_sha256):
         raise InputError(

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.case.folder import CT_FOLDER, FIDUCIALS, PLAN
+from ronnaplan.case.folder import CT_FOLDER, FIDUCIALS, PLAN, REGISTRATION
 from ronnaplan.ct.catalogue import Series, find_series
 from ronnaplan.ct.files import DiskFile
 from ronnaplan.ct.images import is_image_file
 from ronnaplan.ct.preview import preview
 from ronnaplan.ct.summary import SeriesSummary, summarize, summary_of
-from ronnaplan.errors import UsageError
+from ronnaplan.documents.fiducials import read_fiducials
+from ronnaplan.documents.plan import read_plan
+from ronnaplan.documents.registration import read_registration
+from ronnaplan.errors import InputError, UsageError
 from ronnaplan.text import printable
 
 MOST_LISTED = 1000
@@ -87,14 +92,18 @@ class Places:
         return {"at": at, "root": self.root.name, "entries": entries, "more": max(0, len(shown) - MOST_LISTED)}
 
 
-def series_at(path: Path) -> list[Found]:
-    """Return the series at a path, those that can be used first; raises `InputError` where there are none."""
+def series_at(path: Path, root: Path) -> list[Found]:
+    """Return the series at a path, those that can be used first; raises `InputError` where there are none.
+
+    The case of each lies below ``root``, beside its files or further up.
+    """
     if path.is_file() and is_image_file(path):
         return [Found(path, path.parent, summarize(path)[0][0], None)]
     catalogue = find_series(path)
     catalogue.require_series()
     ordered = sorted(catalogue.series, key=lambda one: not one.is_usable)
-    return [Found(path, _case_of(path, one), summary_of(one), preview(one)) for one in ordered]
+    planned = cache(_frames_in)
+    return [Found(path, _case_of(path, one, root, planned), summary_of(one), preview(one)) for one in ordered]
 
 
 def rows(found: list[Found]) -> list[dict[str, Any]]:
@@ -105,10 +114,11 @@ def rows(found: list[Found]) -> list[dict[str, Any]]:
     return told
 
 
-def _case_of(path: Path, series: Series) -> Path:
-    """Return the folder of a scan's documents: that of its files, and the one above of an archive or of ``ct``.
+def _case_of(path: Path, series: Series, root: Path, planned: Callable[[Path], set[str | None]]) -> Path:
+    """Return the folder of a scan's documents, wherever below ``root`` the scan was looked for.
 
-    That is one folder wherever the scan was looked for, and another one for each patient below it.
+    It is the nearest about the files that holds documents of the scan's frame of reference, as ``planned`` tells. Where
+    none does it is the folder of the files, and the one above of an archive or of ``ct``: one for each patient.
     """
     if path.is_file():
         return path.parent
@@ -116,4 +126,18 @@ def _case_of(path: Path, series: Series) -> Path:
     files = {one.instance.blob for one in images}
     folders = {os.path.dirname(one.path) for one in files if isinstance(one, DiskFile)}  # noqa: PTH120
     scan = Path(os.path.commonpath(folders)) if folders else path
-    return scan.parent if scan.name == CT_FOLDER else scan
+    beside = scan.parent if scan.name == CT_FOLDER else scan
+    above = [one for one in (beside, *beside.parents) if one.is_relative_to(root)]
+    uid = series.first.frame_of_reference_uid
+    return next((one for one in above if uid is not None and uid in planned(one)), beside)
+
+
+def _frames_in(folder: Path) -> set[str | None]:
+    """Return the UIDs of the frames of reference that the documents in a folder are of."""
+    found = set()
+    for name, read in ((PLAN, read_plan), (FIDUCIALS, read_fiducials), (REGISTRATION, read_registration)):
+        try:
+            found.add(read(folder / name).identity.frame.uid)
+        except InputError:  # none, or none that can be read: that is told when it is opened
+            continue
+    return found

@@ -75,7 +75,7 @@ class StartPage:
         if at is None:
             self.dropped.require(request.query.get("drop", ""))
         path = self.dropped.scan if at is None else self.places.at(at)
-        found = await self._work("looking for series", lambda: series_at(path))
+        found = await self._work("looking for series", lambda: series_at(path, self.places.root))
         self.found, series = keyed(found, rows(found))
         self._from_drop = at is None
         return {"series": series, "name": self._free_name() if self._from_drop else ""}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from ronnaplan.errors import InputError
 from ronnaplan.planning.changes import Change, Item, same, values_of
 from ronnaplan.planning.landmarks import Landmarks
@@ -17,7 +19,7 @@ def merged(base: Plan, mine: Plan, theirs: Plan) -> Plan:
     is not one change further than ``base`` (one was taken back, say); `FrameMismatchError` where ``theirs`` is of
     another scan.
     """
-    base.identity.require(theirs.identity)
+    base.identity.require(replace(theirs.identity, name="the plan that another hand wrote"))
     if len(mine.history) != len(base.history) + 1 or mine.history[:-1] != base.history:
         raise InputError(
             "the plan was changed by another hand meanwhile; look at it as it is now, then take back or make again"

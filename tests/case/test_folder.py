@@ -62,6 +62,15 @@ def test_a_scan_that_was_replaced_under_its_uids_is_not_the_documents(document: 
     assert replace(case, volume=elsewhere).volume is elsewhere, "another series of the frame is the same head"
 
 
+def test_documents_of_a_replaced_series_do_not_go_together_on_another_scan_of_the_frame_either() -> None:
+    volume = cases.volume()
+    elsewhere = replace(volume, source=replace(volume.source, series_instance_uid="1.2.3"))
+    older = replace(cases.plan(), voxel_sha256="0" * 64)
+    assert Case(elsewhere, older).plan is older
+    with pytest.raises(InputError, match=r"plan\.json is of other voxels than registration\.json"):
+        Case(elsewhere, older, registration=cases.registration())
+
+
 def test_a_scan_that_lies_in_the_case_and_cannot_be_used_is_not_passed_over(tmp_path: Path) -> None:
     assert read_scan(tmp_path, None, None) is None
     (tmp_path / "ct").mkdir()

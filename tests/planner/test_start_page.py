@@ -47,7 +47,7 @@ def test_nothing_but_what_lies_below_the_root_is_shown(scans: Path) -> None:
 
 
 def test_series_are_listed_with_a_picture_and_without_the_patient(scans: Path) -> None:
-    (one,) = series_at(scans / "study")
+    (one,) = series_at(scans / "study", scans)
     (row,) = rows([one])
     assert (row["modality"], row["problems"], row["drawn"]) == ("CT", (), True)
     assert "patient_name" not in row
@@ -64,11 +64,26 @@ def test_a_scan_is_of_one_case_wherever_it_was_looked_for_and_each_of_its_own(sc
         made = dcmread(file)
         made.SeriesInstanceUID = "1.2.3"
         made.save_as(other / file.name)
-    found = {one.case: one for one in series_at(scans)}
+    found = {one.case: one for one in series_at(scans, scans)}
     assert sorted(found) == [other, scans / "study"]
     for looked_in in (scans / "study", scans / "study" / "ct"):
-        assert [one.case for one in series_at(looked_in)] == [scans / "study"]
+        assert [one.case for one in series_at(looked_in, scans)] == [scans / "study"]
     assert [row["known"] for row in rows([found[other], found[scans / "study"]])] == [False, True]
+
+
+def test_a_case_whose_scan_lies_in_folders_below_it_is_gone_on_with(scans: Path) -> None:
+    """As what is dropped with its folders does, and a patient's folder of an export: its plan was passed over."""
+    study = scans / "study"
+    shutil.move(study / "ct", scans / "S1")
+    (study / "ct").mkdir()
+    shutil.move(scans / "S1", study / "ct")
+    for looked_in in (scans, study, study / "ct", study / "ct" / "S1"):
+        assert [(one.case, one.is_known) for one in series_at(looked_in, scans)] == [(study, True)]
+    for document in ("plan.json", "fiducials.json", "registration.json"):
+        assert [one.case for one in series_at(study, scans)] == [study]
+        (study / document).unlink()
+    shutil.copy(cases.write_case(scans.parent / "home") / "plan.json", scans.parent)
+    assert [one.case for one in series_at(study, scans)] == [study / "ct" / "S1"], "nothing above the root counts"
 
 
 def test_no_series_of_another_tabs_folder_is_opened_in_the_place_of_one_that_is_listed(scans: Path) -> None:

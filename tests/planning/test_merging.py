@@ -88,5 +88,7 @@ def test_what_was_taken_back_is_not_taken_back_from_the_other_hand(base: Plan) -
 
 def test_a_plan_of_another_scan_is_not_merged_with(base: Plan) -> None:
     other = Plan(SeriesSource(frame_of_reference_uid="9.9"))
-    with pytest.raises(FrameMismatchError):
+    with pytest.raises(
+        FrameMismatchError, match=r"^the plan that another hand wrote is in frame CT \[9\.9\] but the plan"
+    ):
         merged(base, base.lock("A"), other)
