@@ -32,6 +32,11 @@ SIDES: Final = ("left and right", "front and back", "top and bottom")
 EVERY: Final = 2
 """Every so many cells along each axis tell which of two ways to turn the moving image fits better."""
 
+LEAST_GAIN: Final = 0.02
+"""Sides are taken for exchanged where the image tells by this share more with them. Of heads that were their own mirror
+images, which tell nothing of it, it told up to 0.010 more; of mirrored ones (CT, as MR, as PET) 0.033 to 1.
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
@@ -63,7 +68,7 @@ def align(fixed: Field, moving: Field) -> Alignment:
 
 
 def _exchanged(sitk: Any, images: list[Any], pose: FloatArray) -> tuple[str, ...]:
-    """Return which sides, exchanged in the moving image, have it tell more of the fixed one than as it is.
+    """Return which sides, exchanged in the moving image, have it tell notably more of the fixed one.
 
     A head fits its mirror image, or itself upside down, well enough for both starts to end at one place. Each way is
     tried coarsely, that which fits best of them more finely.
@@ -72,7 +77,7 @@ def _exchanged(sitk: Any, images: list[Any], pose: FloatArray) -> tuple[str, ...
     shown = _seen_in(sitk, fixed, moving, pose)
 
     def gain(signs: tuple[float, ...], levels: Sequence[tuple[int, float]]) -> float:
-        """Return by how many nats more the image tells with the ``signs`` (3,) of its axes."""
+        """Return by what share more the image tells with the ``signs`` (3,) of its axes."""
         other = _flipped(sitk, moving, np.array(signs))
         try:
             _, there = _from(sitk, [fixed, other], _start(sitk, [fixed, other]), levels)
@@ -82,18 +87,19 @@ def _exchanged(sitk: Any, images: list[Any], pose: FloatArray) -> tuple[str, ...
 
     ways = [signs for signs in product((1.0, -1.0), repeat=3) if min(signs) < 0]
     best = max(ways, key=lambda signs: gain(signs, LEVELS[:1]))
-    if gain(best, LEVELS[:-1]) <= 0:
+    if gain(best, LEVELS[:-1]) <= LEAST_GAIN:
         return ()
     return tuple(side for side, sign in zip(SIDES, best, strict=True) if sign < 0)
 
 
 def _gain(fixed: FloatArray, seen: FloatArray, shown: FloatArray) -> float:
-    """Return how much more ``seen`` tells of ``fixed`` than ``shown``, where both are there: cells (nz, ny, nx) each.
+    """Return by what share ``seen`` tells more of ``fixed`` than ``shown``, where both are there; cells (nz, ny, nx).
 
     What little a part of an image shares with air would count as much else.
     """
     both = np.isfinite(shown) & np.isfinite(seen)
-    return _shared(fixed[both], seen[both]) - _shared(fixed[both], shown[both]) if both.any() else -np.inf
+    told = _shared(fixed[both], shown[both]) if both.any() else 0.0
+    return _shared(fixed[both], seen[both]) / told - 1.0 if told > 0 else -np.inf
 
 
 def _seen_in(sitk: Any, fixed: Any, moving: Any, pose: FloatArray) -> FloatArray:

@@ -12,12 +12,14 @@ from scipy.spatial.transform import Rotation
 
 from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.errors import UsageError
+from ronnaplan.planner.aligning import align
 from ronnaplan.planner.blend import Blend
 from ronnaplan.planner.second import Second
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import PlacedImage
 from ronnaplan.planner.worker import Job
 from ronnaplan.scene.cut import Cut
+from ronnaplan.scene.field import Field
 from tests import cases
 from tests.planner.conftest import reopened
 
@@ -93,6 +95,22 @@ def test_an_image_whose_header_exchanges_left_and_right_is_told(
     again = reopened(state)
     again.take_second(mirrored, "mr.nii")
     assert again.other.quality == state.other.quality
+
+
+def test_a_head_that_is_its_own_mirror_image_tells_nothing_of_exchanged_sides() -> None:
+    """As one that has hardly any left and right: what blurs it by another way of cells made it seem to fit better."""
+    scan, rng = cases.volume(), np.random.default_rng(1)
+    hu = scan.voxels_hu.astype(np.float32)
+    even = ((hu + hu[:, :, ::-1]) / 2).astype(np.float32)
+    noisy = (even + rng.normal(0.0, 20.0, even.shape)).astype(np.float32)
+    here = scan.grid
+    there = SliceGrid(here.origins_mm @ TURN.T + SHIFT_MM, here.row_step_mm @ TURN.T, here.column_step_mm @ TURN.T)
+    found = align(
+        Field.of(replace(scan, voxels_hu=even), SPACING_MM),
+        Field.of(replace(scan, voxels_hu=noisy, grid=there), SPACING_MM),
+    )
+    assert found.apart_mm < 1.0
+    assert found.exchanged == ()
 
 
 def test_an_image_of_the_same_frame_is_placed_at_once_and_blended_or_checkered() -> None:
