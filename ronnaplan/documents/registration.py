@@ -218,13 +218,11 @@ class RegistrationDocument(DocumentModel):
     def tre_map(self, volume: CTVolume) -> ScalarMap:
         """Return the expected root-mean-square TRE (mm) at every voxel of the scan that was registered.
 
-        Raises `FrameMismatchError` for another frame of reference, or for other voxels where no frame is named, and
-        `InputError` for a registration that was refused.
+        Raises what `ScanIdentity.require` does for another scan, and `InputError` for a registration that was refused.
         """
         pose = self.pose
-        tre = error_map(pose, volume, pose.from_frame)
         volume.identity.require(self.identity)
-        return tre
+        return error_map(pose, volume, pose.from_frame)
 
 
 def read_registration(path: str | os.PathLike[str]) -> RegistrationDocument:
