@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ronnaplan.correspondence.pairing import IntArray
@@ -16,6 +17,10 @@ from ronnaplan.geometry import FloatArray
 
 ROUNDS = 4
 """Which points are outliers, and how dense these are, are told from each other so often."""
+
+LEAST_ODDS = 0.01
+"""Points compete for partners with which they pair with larger odds than this: others change their probability by less
+than a hundredth each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,14 +67,20 @@ class Chance:
     def point_probabilities(self, matrix: FloatArray, partner: IntArray) -> FloatArray:
         """Return the probability of each point that it is of a pose's body, whichever of its neighbours it pairs with.
 
-        Of the set in which such points are fewer: no two of a set have one partner.
+        Of points that compete those of the set in which they are fewer: no two of a set have one partner.
         """
         near, _, odds = self._meetings(matrix, partner)
-        of_sets = [
-            np.bincount(index, odds, count)
-            for index, count in zip((near.row, near.col), self.problem.counts, strict=True)
-        ]
-        return min((sums / (1.0 + sums) for sums in of_sets), key=np.sum)
+        n, m = self.problem.counts
+        i, j = near.row, near.col + n
+        sums = np.bincount(i, odds, n + m) + np.bincount(j, odds, n + m)
+        probabilities = sums / (1.0 + sums)
+        compete = odds > LEAST_ODDS
+        partners = coo_matrix((odds[compete], (i[compete], j[compete])), (n + m, n + m))
+        count, cluster = connected_components(partners, directed=False)
+        of_ct = np.bincount(cluster[:n], probabilities[:n], count)
+        of_ots = np.bincount(cluster[n:], probabilities[n:], count)
+        is_ct = np.arange(n + m) < n
+        return np.asarray(probabilities[is_ct == (of_ct <= of_ots)[cluster]])
 
     def _meetings(self, matrix: FloatArray, partner: IntArray) -> tuple[coo_matrix, FloatArray, FloatArray]:
         """Return which points lie near each other under a pose, the probability (n,) of each pair, and all odds.

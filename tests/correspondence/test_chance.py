@@ -1,0 +1,33 @@
+"""How probable the pairs and the points of a pose are."""
+
+import numpy as np
+import pytest
+
+from ronnaplan.correspondence import match_points
+from ronnaplan.correspondence.chance import Chance
+from ronnaplan.correspondence.inputs import ErrorModel
+from ronnaplan.correspondence.pairing import no_pairs
+from ronnaplan.correspondence.problem import Problem
+from ronnaplan.correspondence.told import Told
+from tests.correspondence.scenes import SIGMA_CT, SIGMA_OTS, ball, bodies
+
+
+def test_outliers_beside_markers_make_no_body_the_larger() -> None:
+    """Of three points only two can pair, whichever set two of them are of. They counted as two where both sets did."""
+    rng = np.random.default_rng(4)
+    markers = ball(rng, 22, 90.0)
+    beside = markers[:2] + np.array([0.4, 0.0, 0.0])
+    ct, ots = np.vstack((markers, beside[:1])), np.vstack((markers, beside[1:]))
+    errors = [
+        ErrorModel(np.full(len(points), sigma**2), None) for points, sigma in ((ct, SIGMA_CT), (ots, SIGMA_OTS))
+    ]
+    chance = Chance.of(Problem(ct, ots, errors[0], errors[1], Told(), no_pairs(), 3e6, 60.0))
+    partner = np.where(np.arange(len(ct)) < len(markers), np.arange(len(ct)), -1)
+    assert chance.point_probabilities(np.eye(3, 4), partner).sum() == pytest.approx(len(markers), abs=0.05)
+    assert chance.pair_probabilities(np.eye(3, 4), partner)[:2].max() < 0.9
+
+
+def test_of_two_equal_bodies_none_is_the_larger_for_the_outliers_in_it() -> None:
+    """The dense one was accepted at 0.998: outliers of both sets beside its markers counted as more of these."""
+    ct, ots, _ = bodies(67, [30, 30], [18.0, 60.0], 30, 18.0)
+    assert match_points(ct, ots).status == "ambiguous"
