@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,10 @@ FITS_SIGMAS = 4.0
 CHANCE_NEIGHBOUR = 0.05
 """Points count as one moved marker only where two outliers meet as closely with this probability at most."""
 
+FAR_LARGER = 10.0
+"""Points that err by so many times as much as usual weigh less than a hundredth in a fit: how near each other pairs lie
+is not told by them. One reading of 50 mm and more made all others of a large set be refused."""
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:
@@ -43,10 +48,12 @@ class Problem:
         """The number of CT and of OTS points."""
         return len(self.ct), len(self.ots)
 
-    @property
+    @cached_property
     def sigma_mm(self) -> float:
-        """The typical error per axis of a pair's difference."""
-        return math.sqrt(float(self.ct_errors.variances.mean() + self.ots_errors.variances.mean()))
+        """The typical error per axis of a pair's difference: the root mean square of all but far larger ones."""
+        variances = self.ct_errors.variances, self.ots_errors.variances
+        most = FAR_LARGER**2 * sum(float(np.median(of_set)) for of_set in variances)
+        return math.sqrt(sum(float(of_set[of_set <= most].mean()) for of_set in variances))
 
     def pair_variances(self, i: NDArray[np.integer], j: NDArray[np.integer]) -> FloatArray:
         """Return the variance (L,) per axis of the difference of each pair of the points ``i`` and ``j`` (L,)."""

@@ -199,6 +199,21 @@ def test_the_larger_of_two_bodies_is_paired_however_dense_it_is(seed: int) -> No
     assert (partner[pairing.pairs[:, 0]] == pairing.pairs[:, 1]).all()
 
 
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("markers", [17, 40])
+def test_a_reading_that_errs_without_measure_is_left_out_and_no_other(markers: int, side: int) -> None:
+    """All were refused: one standard deviation of 100 mm made the typical one 24."""
+    ct, ots, partner = bodies(2, [markers], [90.0], 2)
+    sigmas = np.full(len(ct), SIGMA_CT), np.full(len(ots), SIGMA_OTS)
+    wild = (3, partner[3])[side]
+    sigmas[side][wild] = 100.0
+    (ct, ots)[side][wild] += 60.0
+    pairing = match_points(ct, ots, sigma_ct_mm=sigmas[0], sigma_ots_mm=sigmas[1])
+    assert pairing.status == "unique", pairing.reason
+    assert (partner[pairing.pairs[:, 0]] == pairing.pairs[:, 1]).all()
+    assert set(range(markers)) - set(pairing.pairs[:, 0].tolist()) == {3}
+
+
 def test_doubtful_points_make_no_body_the_smaller_for_sure() -> None:
     """By brute force over which points are of their body; what is certain counts as it did, three more for 0.99."""
     of_best, of_rival = np.array([1.0, 0.9, 0.6]), np.array([0.7, 0.2])
