@@ -190,7 +190,8 @@ def _fit(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build, he
         without_the_screw(
             scan.volume,
             without_the_head(scan.volume, *_fit_as_summed(scan, center_mm, diameter_mm, build, head)),
-        )
+        ),
+        diameter_mm,
     )
 
 

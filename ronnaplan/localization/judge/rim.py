@@ -14,13 +14,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.algebra import inverse
 from ronnaplan.localization.fit.ball_fit import BallFit, fit_at
 from ronnaplan.localization.fit.cells import cell_directions, direction_cells
 from ronnaplan.localization.fit.descent import descend
 from ronnaplan.localization.fit.directions import near_any
 from ronnaplan.localization.fit.model import has_layer
-from ronnaplan.localization.fit.parameters import CENTER
+from ronnaplan.localization.fit.parameters import CENTER, RADIUS
 from ronnaplan.localization.judge.crossed import HALF_A_BALL
 from ronnaplan.localization.judge.uncertainty import WEIGHTS, by_slices
 
@@ -39,15 +40,20 @@ LEAST_CLEAR = 0.4
 """Clear directions tell a center if they are so many of all: of balls in sockets 0.48 to 0.78 are, of one that jumped
 while it was scanned less than 0.1, and they put it anywhere."""
 
+TOWARDS_DEG = 50.0
+"""A rim draws the center towards itself, within this angle (43 at most in 14 sockets). What moves it otherwise is none:
+a jump while the ball was scanned, or the profile of thick slices."""
+
 STILL_DRAWN = 0.3
 """So much of how far the rim had drawn the center is stated: 0.22 of it was left at the root mean square of 49 balls of
 plastic and glass, 5 to 11.5 mm, in sockets and on posts, in slices of 0.6 to 2 mm, whatever it was moved by."""
 
 
-def without_the_rim(fit: BallFit) -> BallFit:
+def without_the_rim(fit: BallFit, diameter_mm: float) -> BallFit:
     """Return the fit of a ball by the directions that are clear of what touches it, where the others draw it aside.
 
-    As it is, where they do not, or are too few. That is not asked of metal, hollow or wrapped balls, nor of those whose
+    As it is, where they do not, are too few, or show a ball that is less like one of ``diameter_mm``, as the sides of
+    one do that jumped while it was scanned. That is not asked of metal, hollow or wrapped balls, nor of those whose
     slices a screw crosses, which other things bend.
     """
     if not fit.converged or fit.may_be_metal or has_layer(fit.theta) or fit.crossed_mm2 is not None:
@@ -63,7 +69,10 @@ def without_the_rim(fit: BallFit) -> BallFit:
         fit.neighbourhood, theta, fit.prior, fit.verdict, clear, fit.ceiling_hu, converged=converged, slopes=slopes
     )
     moved_mm = alone.theta[CENTER] - fit.theta[CENTER]
-    if not alone.converged or np.linalg.norm(moved_mm) < LEAST_DRAWN_MM:
+    if not alone.converged or not _was_drawn(moved_mm, cell_directions()[is_left_out].sum(axis=0)):
+        return fit
+    off_mm, off_alone_mm = (abs(2.0 * float(one.theta[RADIUS]) - diameter_mm) for one in (fit, alone))
+    if off_alone_mm > off_mm + LEAST_DRAWN_MM:
         return fit
     told_mm2 = WEIGHTS["slices"] * by_slices(alone)
     noise_mm2 = HALF_A_BALL**2 * told_mm2 + WEIGHTS["least"] * np.eye(3)
@@ -72,3 +81,12 @@ def without_the_rim(fit: BallFit) -> BallFit:
     left_mm = STILL_DRAWN * moved_mm
     more_mm2 = (HALF_A_BALL**2 - 1.0) * told_mm2 + np.outer(left_mm, left_mm)
     return replace(alone, made_good_mm=fit.made_good_mm, rim_mm2=more_mm2)
+
+
+def _was_drawn(moved_mm: FloatArray, rim: FloatArray) -> bool:
+    """Tell whether a center that has to be ``moved_mm`` (3,) had been drawn towards a ``rim`` (3,), and far enough."""
+    far_mm = float(np.linalg.norm(moved_mm))
+    away = -float(moved_mm @ rim)
+    return far_mm >= LEAST_DRAWN_MM and away > math.cos(math.radians(TOWARDS_DEG)) * far_mm * float(
+        np.linalg.norm(rim)
+    )

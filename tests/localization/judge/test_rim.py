@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from phantoms.scene import Part, Scene
 from phantoms.solids import cylinder
@@ -43,3 +46,34 @@ def test_a_socket_does_not_draw_its_ball_in() -> None:
 def test_a_thin_post_leaves_its_ball_as_it_was_fitted() -> None:
     fit = fit_of(in_a_socket(0.3, np.array([-1.0, 0.0, 0.0])))
     assert fit.rim_mm2 is None
+
+
+@pytest.mark.parametrize("jump_mm", [(0.25, 0.0, 0.0), (-0.25, 0.0, 0.0), (0.0, -0.25, 0.0)])
+def test_a_ball_that_jumped_while_it_was_scanned_is_not_taken_for_one_in_a_socket(
+    jump_mm: tuple[float, float, float],
+) -> None:
+    """The clear directions saw one side of the jump, were believed, and no motion was told any more."""
+    into, diameter_mm = np.array([-0.6, 0.0, -0.8]), 11.5
+
+    def seen(shift_mm: FloatArray) -> CTVolume:
+        x, y, z = (float(one) for one in CENTER_MM + shift_mm)
+        begin = np.array([x, y, z]) + 0.25 * diameter_mm * into
+        stem = Part(cylinder(tuple(begin), tuple(into), 9.0, 0.5 * diameter_mm), "acrylic")
+        return scan(Scene((stem,)) + balls([(x, y, z)], diameter_mm), small_stack(), noise_hu=8.0)
+
+    before, after = seen(np.zeros(3)), seen(np.array(jump_mm))
+    is_after = before.grid.slice_positions_mm > CENTER_MM[2]
+    voxels_hu = np.where(is_after[:, np.newaxis, np.newaxis], after.voxels_hu, before.voxels_hu)
+    fit = fit_place(Scan(replace(before, voxels_hu=voxels_hu)), CENTER_MM + 0.1, diameter_mm)
+    assert fit.rim_mm2 is None
+
+
+def test_the_profile_of_thick_slices_is_no_rim() -> None:
+    """The center was moved by 12 um towards the socket, which draws none of it in along the slices' normal."""
+    stem = Part(cylinder((0.2, -0.3, 1.1), (0.0, 0.0, -1.0), 12.0, 5.2), "acrylic")
+    place = (float(CENTER_MM[0]), float(CENTER_MM[1]), float(CENTER_MM[2]))
+    volume = scan(
+        Scene((stem,)) + balls([place], 8.0), small_stack(spacing_mm=2.0, thickness_mm=2.0), noise_hu=5.0
+    )
+    fit = fit_place(Scan(volume), CENTER_MM + 0.1, 8.0)
+    assert np.abs(fit.center_mm - CENTER_MM).max() < 0.006
