@@ -36,7 +36,7 @@ class BallFit:
     being made good, and None where that was not done. ``crossed_mm2`` (3, 3), along u, v, w, is how well the pull of a
     screw that crosses its slices is known, which was made good (`judge.crossed`), and None where none
     does. ``rim_mm2`` (3, 3) is the same of what the rim of a socket does to directions beside it, which were left
-    out (`judge.rim`).
+    out (`judge.rim`), and ``drawn`` the fit by all of them.
     """
 
     neighbourhood: Neighbourhood
@@ -58,6 +58,7 @@ class BallFit:
     made_good_mm: FloatArray | None = None
     crossed_mm2: FloatArray | None = None
     rim_mm2: FloatArray | None = None
+    drawn: BallFit | None = None
 
     @property
     def center_mm(self) -> FloatArray:

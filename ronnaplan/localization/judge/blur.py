@@ -87,9 +87,7 @@ def blur_mm2(edge: Edge) -> FloatArray:
 
 
 def _unattached(fit: BallFit) -> NDArray[np.bool_]:
-    """Which of all voxels (N,) of a fit are of its edge where nothing stands, nor the rim of a socket shines into."""
-    if fit.rim_mm2 is not None:
-        return fit.used
+    """Which of all voxels (N,) of a fit are of its edge where nothing stands."""
     around, theta = fit.neighbourhood, fit.theta
     depth, blur = edge_depth(around.offsets_mm, theta)
     cells = direction_cells(around.offsets_mm - theta[CENTER])

@@ -85,8 +85,11 @@ class Evidence:
 
     @cached_property
     def edge(self) -> Edge:
-        """Its edge, which tells its movement and its blur."""
-        return Edge(self.fit)
+        """Its edge, which tells its movement and its blur; all of it, also where a socket's rim shines into it.
+
+        Of a ball that moved, the directions that are clear of such a rim may see one place alone.
+        """
+        return Edge(self.fit.drawn or self.fit)
 
     @cached_property
     def movement(self) -> Movement:

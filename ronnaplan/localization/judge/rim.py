@@ -4,7 +4,7 @@ A post that is thin beside its ball meets it steeply, and what is left out with 
 stem nearly as wide as the ball leaves it at a grazing angle: beside the last direction that is seen to be touched, the
 ball's edge is blurred together with the rim's, which looks like a ball that is larger and lies farther in, by up to 50
 um. So the ball is fitted by the directions that are clear of the touched ones, too. They alone are believed where they
-put the center elsewhere, by more than they may err.
+put the center elsewhere, by more than they may err. Whether the ball moved is told by the fit of all of them.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def without_the_rim(fit: BallFit, diameter_mm: float) -> BallFit:
         return fit
     left_mm = STILL_DRAWN * moved_mm
     more_mm2 = (HALF_A_BALL**2 - 1.0) * told_mm2 + np.outer(left_mm, left_mm)
-    return replace(alone, made_good_mm=fit.made_good_mm, rim_mm2=more_mm2)
+    return replace(alone, made_good_mm=fit.made_good_mm, rim_mm2=more_mm2, drawn=fit)
 
 
 def _was_drawn(moved_mm: FloatArray, rim: FloatArray) -> bool:
