@@ -13,6 +13,7 @@ from ronnaplan.case.surroundings import scan_doubts
 from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.planner.actions import key_actions
 from ronnaplan.planner.cuts import WINDOWS_HU
+from ronnaplan.planner.handing import EXPORTED
 from ronnaplan.planner.head_look import OPENINGS
 from ronnaplan.planner.judging import Judging
 from ronnaplan.planner.page_files import MODULE, templates
@@ -106,6 +107,7 @@ class PlannerApp:
                 "keys": list(keys),
                 "key_help": [(_in_print(key), words) for key, (words, _) in keys.items()],
                 "layouts": list(LAYOUTS),
+                "exported": {name: document for name, (document, _) in EXPORTED.items()},
                 "instruments": list(INSTRUMENTS),
                 "electrodes": [NO_ELECTRODE, *ELECTRODES],
                 "tracker": "" if self.tracker is None else f"{self.tracker[0]}:{self.tracker[1]}",

@@ -29,7 +29,18 @@ MADE: Final = {
     "scene.html": ("export", "{case}", "--to", "html"),
     "scene.glb": ("export", "{case}", "--to", "gltf"),
 }
-"""What is made when it is asked for, and by which verb."""
+"""What is made of the whole case when it is asked for, and by which verb."""
+
+EXPORTED: Final = {
+    f"{Path(document).stem}{ending}": (document, (*verb, "{case}/" + document, "--to", to))
+    for document, verb, formats in (
+        (PLAN, ("plan", "export"), {"markups": ".mrk.json", "csv": ".csv"}),
+        (FIDUCIALS, ("export",), {"markups": ".mrk.json", "csv": ".csv", "dicom": ".dcm"}),
+        (REGISTRATION, ("export",), {"itk": ".tfm", "markups": ".mrk.json", "csv": ".csv", "dicom": ".dcm"}),
+    )
+    for to, ending in formats.items()
+}
+"""What is made of one document for other programs: of which, and by which verb. DICOM names no patient."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +79,8 @@ class Handing:
         files = self._storage.found
         if name in MADE and self._origin is not None:
             content = await self._made(name, self._origin)
+        elif name in EXPORTED and EXPORTED[name][0] in files:
+            content = await self._run_on_copies(name, EXPORTED[name][1])
         elif name in files:
             content = files[name].read_bytes()
         else:
@@ -81,11 +94,18 @@ class Handing:
 
     async def _made(self, name: str, origin: Origin) -> bytes:
         """Have a file made of the case as it is now, by a process of its own; one at a time."""
-        verb, *rest = MADE[name]
+        verb, *_ = MADE[name]
         if not self._storage.found.keys() & {PLAN, FIDUCIALS, REGISTRATION}:
             raise web.HTTPUnprocessableEntity(
                 text=f"the case holds nothing yet that {name} could show; add a trajectory, or localize the markers"
             )
+        options = ["--ct", str(origin.ct), *(("--series", origin.series) if origin.series else ())]
+        name_of_case = f"--name={self._storage.plan.parent.name}"  # which that of the copies' folder is not
+        options += (name_of_case, *origin.stated) if verb == "report" else origin.regions
+        return await self._run_on_copies(name, (*MADE[name], *options))
+
+    async def _run_on_copies(self, name: str, command: tuple[str, ...]) -> bytes:
+        """Return what a command makes of the case's documents: of copies, which do not change meanwhile."""
         try:
             self._require_files()
         except RonnaplanError as error:
@@ -95,13 +115,7 @@ class Handing:
                 for document, path in self._storage.found.items():
                     shutil.copyfile(path, Path(folder) / document)
                 target = Path(folder) / f"made-{name}"
-                options = [part.format(case=folder) for part in rest]
-                options += ["--ct", str(origin.ct), *(("--series", origin.series) if origin.series else ())]
-                name_of_case = (
-                    f"--name={self._storage.plan.parent.name}"  # which that of the copies' folder is not
-                )
-                options += (name_of_case, *origin.stated) if verb == "report" else origin.regions
-                await _run(verb, *options, "-o", str(target))
+                await _run(*(part.replace("{case}", folder) for part in command), "-o", str(target))
                 return target.read_bytes()
 
     async def _take(self, request: web.Request) -> web.Response:

@@ -9,9 +9,9 @@ import numpy as np
 
 from ronnaplan.case.surroundings import Judgement
 from ronnaplan.documents.registration import LabelPair, RegistrationDocument
+from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fiducials import FiducialFlag
 from ronnaplan.planner.following import told
-from ronnaplan.planner.pixels import Pixel
 from ronnaplan.planner.state import LANDMARKS, PlannerState
 from ronnaplan.planning.electrodes import NO_ELECTRODE
 from ronnaplan.planning.limits import Verdict, is_near
@@ -182,12 +182,11 @@ def _by_marker(pairs: Sequence[LabelPair]) -> dict[str, str]:
     return {pair.ct: pair.ots for pair in pairs}
 
 
-def under_line(state: PlannerState, view: str, at: Pixel) -> str:
-    """Return the HU under the pointer, interpolated, and where that is in LPS and RAS."""
-    place = at.place_mm(state.look.cut(view))
-    value = float(state.look.scan.values_hu(place[np.newaxis])[0])
+def place_line(state: PlannerState, place_mm: FloatArray) -> str:
+    """Return the HU at a place (3,), interpolated, and where that is in LPS and RAS."""
+    value = float(state.look.scan.values_hu(place_mm[np.newaxis])[0])
     known = "outside the scan" if np.isnan(value) else f"{value:.0f} HU"
-    x, y, z = place
+    x, y, z = place_mm
     return f"{known}   LPS {x:.1f}, {y:.1f}, {z:.1f}   RAS {-x:.1f}, {-y:.1f}, {z:.1f}"
 
 

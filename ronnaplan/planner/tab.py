@@ -33,7 +33,7 @@ KEEP_MESSAGE = ("release", "pictures", "volume_is_slow")
 
 EMPTY: Mapping[str, Any] = {
     **OWN,
-    **{"news": "", "under": "", "refusals": 0, "unsaved": {}},
+    **{"news": "", "under": "", "spoken": "", "refusals": 0, "unsaved": {}},
     **{"things": [], "volume": {}, "picture_head": None},
 }
 """What a page shows before anything is drawn."""
@@ -64,6 +64,8 @@ class Tab:
         self.pointer = Pointer(state)
         self.painter = Painter(state, self.shown, self.pointer, self.head, measured)
         self._others = others
+        self._pointed: tuple[str, Pixel | None] = (HEAD, None)
+        """The view and the place in it that is pointed at, None for the crosshair, by keyboard."""
         self._following: asyncio.Task[None] | None = None
         self._keeping: asyncio.TimerHandle | None = None
         self.unkept: RonnaplanError | None = None
@@ -88,6 +90,7 @@ class Tab:
             "there": self._telling(_nothing),
             "sized": self._telling(checked("sized", self.painter.take_size)),
             "hover": self._telling(checked("hover", self._hover)),
+            "at_crosshair": self._telling(checked("at_crosshair", self._point_at_crosshair)),
             "move": self._answer_move(checked("move", self._actions.move)),
         }
 
@@ -141,8 +144,10 @@ class Tab:
             self._keep_soon()
             if scrolls and self.state.case.plan is before:
                 self.painter.refresh_views()  # the panels follow when it rests
+                self._tell_pointed()
                 return
             self.painter.refresh()
+            self._tell_pointed()
             self._others(self)
 
         return answer
@@ -163,6 +168,7 @@ class Tab:
             self.painter.move()
             with self.told(keep_message=True):
                 action(*arguments)
+                self._hover(*arguments)
             dragging = self.state.case.dragging
             if arguments[:1] == (HEAD,) and not dragging:
                 self.painter.refresh_head()
@@ -217,9 +223,21 @@ class Tab:
 
     def _hover(self, view: str, x: Pixels, y: Pixels, width: Pixels, height: Pixels) -> None:
         """Tell what is under the pointer."""
-        cut_shown = view in CUTS and (view in STANDARD or self.state.look.chosen is not None)
-        at = Pixel(x, y, width, height)
-        self.shown["under"] = panels.under_line(self.state, view, at) if cut_shown else ""
+        self._pointed = (view, Pixel(x, y, width, height))
+        self._tell_pointed()
+
+    def _point_at_crosshair(self, view: str) -> None:
+        """Tell from now on, and aloud, what lies at the crosshair: somebody works by keyboard."""
+        self._pointed = (view, None)
+        self._tell_pointed()
+
+    def _tell_pointed(self) -> None:
+        """Tell the HU where one points, and where that is: the slices may have gone on beneath the pointer."""
+        (view, at), look, told = self._pointed, self.state.look, ""
+        if view in CUTS and (view in STANDARD or look.chosen is not None):
+            place = look.crosshair_mm if at is None else at.place_mm(look.cut(view))
+            told = panels.place_line(self.state, place)
+        self.shown.update({"under": told, "spoken": told if at is None else ""})
 
     def _press_key(self, key: str) -> None:
         if key not in self._keys:

@@ -18,7 +18,7 @@ TELL_S: Final = 0.5
 AGAIN_S: Final = 1.0
 """How often an answer that cannot be written is written again."""
 
-IDLE: Final = {"what": "", "share": 0.0, "seconds": 0}
+IDLE: Final = {"what": "", "done": "", "share": 0.0, "seconds": 0}
 
 
 class Working:
@@ -60,17 +60,18 @@ class Working:
         self._worker.cancel()
 
     async def _work(self, job: Job) -> None:
-        began = time.monotonic()
+        began, done = time.monotonic(), ""
         answer = asyncio.get_running_loop().run_in_executor(None, self._worker.answer, job, self._take_share)
         while not (await asyncio.wait({answer}, timeout=TELL_S))[0]:
             seconds = round(time.monotonic() - began)
-            self._tell({"what": job.what, "share": self._share, "seconds": seconds})
+            self._tell({**IDLE, "what": job.what, "share": self._share, "seconds": seconds})
         try:
             with self.answering():
                 await self._keep(job, answer.result())
+                done = job.what
         finally:
             self._task = None
-        self._tell(IDLE)
+        self._tell({**IDLE, "done": done})
         self.shown()
 
     async def _keep(self, job: Job, answer: Any) -> None:

@@ -104,8 +104,12 @@ def test_what_can_be_clicked_is_reached_by_the_keyboard(page: Any) -> None:
     after = value(page, "drawn_coronal")["cross"]
     assert after[0] - before[0] == pytest.approx(1.0)
     assert abs(after[1] - before[1]) == pytest.approx(1.5)
-    for key in ("d", "Enter", "ArrowRight", "Enter"):  # a distance is measured
+    page.keyboard.press("d")  # a distance is measured
+    page.wait_for_selector("#asked[role=status] >> text=click the first point", state="attached")
+    for key in ("Enter", "ArrowRight", "Enter"):
         page.keyboard.press(key)
+    told = page.locator("#under").inner_text().split()
+    eventually(page, lambda: page.locator("#spoken[aria-live=polite]").inner_text().split() == told)
     page.wait_for_function("window.trame.state.get('rulers').length === 1")
     assert value(page, "rulers")[0]["value"] == "1.0 mm"
     page.keyboard.press("Control+z")
@@ -116,6 +120,10 @@ def test_the_verdict_is_spoken(page: Any) -> None:
     page.click(".rp-tab >> text=Trajectories")
     verdict = page.locator("#verdict[aria-live=polite]")
     eventually(page, lambda: "limits" in (verdict.text_content() or ""))
+    page.click(".rp-tab >> text=Markers")
+    page.wait_for_selector("#markers")
+    assert "limits" in (verdict.text_content() or "")  # whichever panel is shown
+    page.click(".rp-tab >> text=Trajectories")
     rows = value(page, "chosen")["verdicts"]
     kept = [row for row in rows if row[2] != "FAIL"]
     assert page.locator("#broken tr").count() == len([row for row in rows if row[2] != "pass"])
@@ -308,6 +316,13 @@ def test_a_phone_has_its_tools_in_one_line_and_sees_its_head(running_browser: An
     assert page.locator(".rp-notice").is_visible()
     add, undo = (page.locator(which).bounding_box() for which in ("#add", "#undo"))
     assert add["height"] >= 40
+    for width, height in ((844, 390), (390, 844)):  # what is pointed at is told beside the pictures, on none
+        page.set_viewport_size({"width": width, "height": height})
+        page.locator("svg[data-view=axial]").focus()
+        page.wait_for_selector("#under >> text=HU")
+        views, told = (page.locator(which).bounding_box() for which in (".rp-views", "#under"))
+        assert views["y"] + views["height"] <= told["y"]
+        assert told["y"] + told["height"] <= height
     assert undo["x"] + undo["width"] < 390
     tools = page.locator(".rp-tools")
     page.locator(".rp-bar .rp-btn >> text=3-D").focus()  # the browser draws them along

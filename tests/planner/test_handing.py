@@ -11,6 +11,10 @@ import pytest
 from aiohttp import web
 from aiohttp.test_utils import TestClient, TestServer
 
+from ronnaplan.cli import main
+from ronnaplan.documents.export import export
+from ronnaplan.documents.plan import read_plan
+from ronnaplan.documents.plan_exchange import line_markups
 from ronnaplan.planner import handing
 from ronnaplan.planner.handing import Handing, Origin
 from ronnaplan.planner.state import PlannerState
@@ -96,3 +100,32 @@ def test_why_a_file_cannot_be_made_is_told_without_the_command_s_name(storage: S
             assert (await refused.text()).startswith(f"there is no file or folder {origin.ct}")
 
     run(asked())
+
+
+def test_what_other_programs_take_is_what_the_command_line_writes_of_each_document(tmp_path: Path) -> None:
+    """Every file that is offered is made, by the verb's own run, and none of a document that there is not."""
+    cases.write_case(tmp_path)
+    storage = Storage.of(str(tmp_path / "plan.json"), None, None)
+    written: dict[str, bytes] = {}
+
+    async def run_here(*options: str) -> None:
+        assert main(list(options)) == 0
+
+    async def asked() -> None:
+        application = web.Application()
+        application.add_routes(Handing(storage, None, lambda: None, lambda: None).routes())
+        async with TestClient(TestServer(application)) as client:
+            for name in handing.EXPORTED:
+                answer = await client.get(f"/download/{name}")
+                assert answer.status == HTTPStatus.OK, await answer.text()
+                written[name] = await answer.read()
+            storage.registration.unlink()
+            assert (await client.get("/download/registration.tfm")).status == HTTPStatus.NOT_FOUND
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(handing, "_run", run_here)
+        run(asked())
+    assert len(written) == 9
+    assert written["fiducials.csv"].decode() == export(storage.fiducials, "csv")
+    assert written["plan.mrk.json"].decode() == line_markups(read_plan(storage.plan))
+    assert written["registration.dcm"][128:132] == b"DICM"

@@ -8,7 +8,7 @@ import pytest
 from ronnaplan.errors import UsageError
 from ronnaplan.planner.actions import Actions
 from ronnaplan.planner.over_cut import over_cut
-from ronnaplan.planner.panels import under_line
+from ronnaplan.planner.panels import place_line
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.pixels import Pixel
 from ronnaplan.planner.pointer import Pointer
@@ -114,11 +114,12 @@ def test_what_is_under_the_pointer_is_told_in_both_systems(state: PlannerState) 
     marker = np.array(cases.fiducials().fiducials[2].center)
     state.look.jump(marker)
     state.look.center_mm = marker
-    told = under_line(state, "axial", Pixel(250.0, 150.0, 500.0, 300.0))
+    cut = state.look.cut("axial")
+    told = place_line(state, Pixel(250.0, 150.0, 500.0, 300.0).place_mm(cut))
     x, y, z = marker
     assert f"LPS {x:.1f}, {y:.1f}, {z:.1f}   RAS {-x:.1f}, {-y:.1f}, {z:.1f}" in told
     assert 50 < float(told.split(" HU")[0]) < 180  # acrylic
-    assert under_line(state, "axial", Pixel(9000.0, 150.0, 500.0, 300.0)).startswith("outside the scan")
+    assert place_line(state, Pixel(9000.0, 150.0, 500.0, 300.0).place_mm(cut)).startswith("outside the scan")
 
 
 def test_only_what_lies_near_the_plane_of_a_trajectory_is_drawn_in_full(state: PlannerState) -> None:

@@ -141,3 +141,33 @@ def test_the_end_that_is_dragged_is_drawn_at_once_and_measured_a_little_later(
         await tab.answer("release", ("axial",))
 
     run(use())
+
+
+def test_the_hu_told_are_of_where_one_points_now_and_aloud_only_by_keyboard(state: PlannerState) -> None:
+    """The wheel moves the slices beneath a pointer that rests, and a drag takes it along; keys move the crosshair."""
+
+    async def use() -> None:
+        tab = Tab(state.beside())
+        tab.painter.refresh()
+        middle = (VIEW[0] / 2, VIEW[1] / 2, *VIEW)
+        told = []
+        for name, given in (
+            ("hover", ("axial", *middle)),
+            ("wheel", ("axial", 3, False, *middle)),
+            ("press", ("axial", *middle, 0, False)),
+            ("move", ("axial", 0.6 * VIEW[0], *middle[1:])),
+            ("release", ("axial",)),
+        ):
+            await tab.answer(name, given)
+            told.append(tab.shown["under"])
+        assert len({*told[:2], told[3]}) == 3
+        assert tab.shown["spoken"] == ""
+        await tab.answer("at_crosshair", ("axial",))
+        x, y, z = tab.state.look.crosshair_mm
+        assert f"LPS {x:.1f}, {y:.1f}, {z:.1f}" in tab.shown["spoken"]
+        await tab.answer("nudge", ("axial", 5, 0))
+        assert f"LPS {tab.state.look.crosshair_mm[0]:.1f}, " in tab.shown["spoken"] == tab.shown["under"]
+        assert tab.state.look.crosshair_mm[0] != x
+        tab.close()
+
+    run(use())

@@ -33,6 +33,7 @@ class Disk:
 
     def tell(self, values: Mapping[str, Any]) -> None:
         self.told.append(values["work"]["what"])
+        self.done = values["work"]["done"]
 
     @contextlib.contextmanager
     def answering(self) -> Iterator[None]:
@@ -59,7 +60,7 @@ def test_an_answer_that_cannot_be_written_waits(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(working, "AGAIN_S", 0.3)
     disk = Disk(3)
     run(disk.work())
-    assert (disk.kept, disk.errors) == ([42], [])
+    assert (disk.kept, disk.errors, disk.done) == ([42], [], "counting")
     assert f"counting is done, but {FULL}; writing it again" in disk.told
 
 
@@ -67,4 +68,4 @@ def test_an_answer_that_waits_is_given_up_by_cancel() -> None:
     disk = Disk(10**6)
     run(disk.work(give_up=True))
     assert [type(one) for one in disk.errors] == [CancelledError]
-    assert disk.kept == []
+    assert (disk.kept, disk.done) == ([], "")

@@ -146,11 +146,14 @@
     view.setPointerCapture(event.pointerId);
     if (touched(event, view)) return;
     const finger = event.pointerType === "touch";
+    keyed = null;
+    tell("hover", [view.dataset.view, ...place(view, event)]); // a finger hovers over nothing before
     tell("press", [view.dataset.view, ...place(view, event), event.button, event.shiftKey, event.ctrlKey, event.altKey, finger]);
   });
   window.addEventListener("pointermove", (event) => {
     if (slid(event) && two) return;
     const view = viewOf(event);
+    if (view) keyed = null;
     if (view) tell(event.buttons ? "move" : "hover", [view.dataset.view, ...place(view, event)]);
   });
   window.addEventListener("pointerup", (event) => {
@@ -223,8 +226,15 @@
   // through, plus and minus come nearer, Enter clicks at the crosshair, or in the middle of the head.
   const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
   const THROUGH = { PageUp: [-1, false], PageDown: [1, false], "+": [-1, true], "-": [1, true] };
+  let keyed = null; // the view that is worked in by keyboard: what lies at the crosshair is told there
+  window.addEventListener("focusin", ({ target }) => target.matches("svg[data-view]:focus-visible") && tellsOf(target));
+  function tellsOf(view) {
+    if (keyed !== view) tell("at_crosshair", [view.dataset.view]);
+    keyed = view;
+  }
   function moves(view, event) {
     const name = view.dataset.view, far = event.shiftKey ? 10 : 1;
+    if (ARROWS[event.key] || THROUGH[event.key]) tellsOf(view);
     if (ARROWS[event.key]) tell("nudge", [name, ...ARROWS[event.key].map((way) => far * way)]);
     else if (THROUGH[event.key] && !event.ctrlKey) {
       const { width, height } = view.getBoundingClientRect(), [steps, nearer] = THROUGH[event.key];

@@ -129,6 +129,7 @@
   const range = (pair) => (pair ? [...new Set(pair.map((value) => value.toFixed(2)))].join(" to ") : "?");
   async function list(of, heading) {
     one("found").hidden = true; // what stands there is of another place
+    one("heard").textContent = "";
     const { series, name } = await ask(`series?${query(of)}`);
     one("found").querySelector("h2").textContent = heading;
     one("found").hidden = false;
@@ -145,6 +146,8 @@
       const voxels = row.pixel_mm ? `${range(row.pixel_mm)} x ${range(row.spacing_mm)}` : "";
       return made("tr", {}, made("td", {}, picture), title, made("td", {}, row.images), made("td", {}, voxels), told, made("td", {}, press));
     }));
+    const usable = series.filter((row) => !row.problems.length).length;
+    one("heard").textContent = `${heading}: ${series.length}, of which ${usable} can be planned in`;
     one("found").scrollIntoView({ block: "nearest" });
     return series;
   }
