@@ -164,10 +164,17 @@ def test_a_page_whose_connection_was_cut_without_a_word_loads_itself_again(brows
     wait_until_whole(page)
     page.evaluate("window.before = true")
     cut.append(True)
+    page.keyboard.press("a")  # which is never answered
     page.route(ASKED, lambda route: route.abort())
     page.wait_for_selector("#gone")
     page.unroute(ASKED)
-    page.wait_for_function("!window.before")
+    page.evaluate("window.addEventListener('pagehide', () => sessionStorage.setItem('gone', '1'))")
+    page.wait_for_function("!window.before && sessionStorage.getItem('gone')")
+    assert page.evaluate("sessionStorage.getItem('ronnaplan: untaken')")
     cut.clear()
     page.reload()
     wait_until_whole(page)
+    page.wait_for_selector("#message >> text=what was clicked or entered last, which may not have been taken")
+    page.reload()
+    wait_until_whole(page)
+    assert not page.locator("#message").count()  # it is told once

@@ -50,13 +50,14 @@
     if (!send) {
       const page = window.trame;
       send = page.trigger.bind(page);
+      window.ronnaplanTellUntaken();
       page.trigger = async (name, args = []) => tell(name, args);
     }
     return send;
   }
 
   function tell(name, args) {
-    const last = queue.at(-1);
+    const last = queue.length > 1 ? queue.at(-1) : null; // the first is under way
     if (last && last.name === name && (name === "move" || name === "hover")) {
       last.args = args;
     } else if (last && last.name === name && name === "wheel") {
@@ -71,15 +72,19 @@
   async function work() {
     busy = true;
     while (queue.length) {
-      const { name, args } = queue.shift();
+      const { name, args } = queue[0];
       try {
         await sender()(name, args);
       } catch (error) {
         console.error(error);
       }
+      queue.shift();
     }
     busy = false;
   }
+  // What the planner has not answered when the page is loaded anew may not have been taken.
+  const PASSING = ["move", "hover", "wheel", "sized", "nudge", "at_crosshair", "there", "leave"];
+  window.ronnaplanUntaken = () => queue.some(({ name }) => !PASSING.includes(name));
 
   function place(view, event) {
     const box = view.getBoundingClientRect();

@@ -72,7 +72,14 @@
     sessionStorage.removeItem(HALF);
     if (left.owner === field.owner && left.scan === scan() && left.before === field.defaultValue) typeAgain(field, left.text);
   };
+  const UNTAKEN = "ronnaplan: untaken";
+  const LOST = "The planner was lost before it answered what was clicked or entered last, which may not have been taken: see whether it is there.";
+  window.ronnaplanTellUntaken = () => {
+    if (sessionStorage.getItem(UNTAKEN) === scan()) window.trame.state.set("message", LOST);
+    sessionStorage.removeItem(UNTAKEN);
+  };
   function reload() {
+    if (window.ronnaplanUntaken?.()) sessionStorage.setItem(UNTAKEN, scan());
     if (half) sessionStorage.setItem(HALF, JSON.stringify({ ...half, field: undefined }));
     location.reload();
   }
