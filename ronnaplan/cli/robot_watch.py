@@ -161,6 +161,7 @@ def _row(moment: Moment) -> dict[str, object]:
         "time": datetime.now(UTC).isoformat(timespec="milliseconds"),
         "status": moment.status.name.lower(),
         "told": str(moment.status),
+        "why": moment.why,
         "robot_from_ct": None if pose is None else pose_entry(pose),
         "head": None if head is None else _moved(head.probability, head.shift_mm, head.rotation_deg),
         "robot": None if robot is None else _moved(robot.probability, robot.shift_mm, robot.rotation_deg),

@@ -293,6 +293,8 @@ def test_of_two_devices_that_show_the_head_none_counts_unless_it_is_named(
     _, out = watched(room, tmp_path, send, *options)
     assert statuses(out) == told
     assert why in capsys.readouterr().err
+    first = json.loads(out.read_text().splitlines()[0])
+    assert (why in first["why"]) == (told[0] == "unseen")
 
 
 def test_an_error_of_poses_that_are_not_read_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
