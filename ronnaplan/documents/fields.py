@@ -7,7 +7,8 @@ field is passed over.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from datetime import datetime
 from enum import StrEnum
 from typing import Annotated, Final
@@ -25,6 +26,7 @@ from pydantic import (
 
 from ronnaplan import __version__
 from ronnaplan.bounds import FARTHEST_POINT_MM, LARGEST_HU, LARGEST_SIGMA_MM, SMALLEST_SIGMA_MM
+from ronnaplan.errors import InputError, UsageError
 from ronnaplan.text import as_read
 
 SYMMETRY_TOLERANCE = 1e-9
@@ -37,6 +39,15 @@ LONGEST_MM = 1e6
 MOST_NATS = 1e30
 """The log evidence of points a kilometre off, with the smallest errors that can be stated, has 24 digits."""
 LARGEST_RATIO = 1e6
+
+
+@contextmanager
+def told_by_reader() -> Iterator[None]:
+    """Have the reader of a document say, with the place in it, what an `InputError` or `UsageError` says of a value."""
+    try:
+        yield
+    except (InputError, UsageError) as error:
+        raise ValueError(str(error)) from error
 
 
 class DocumentModel(BaseModel):

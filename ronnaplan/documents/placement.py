@@ -26,10 +26,10 @@ from ronnaplan.documents.fields import (
     Software,
     Vector,
     require_different_names,
+    told_by_reader,
 )
 from ronnaplan.documents.reading import read_document
 from ronnaplan.documents.room import MOST_THINGS, BoxEntry, CapsuleEntry
-from ronnaplan.errors import InputError
 from ronnaplan.geometry import Frame
 from ronnaplan.planning import Trajectory
 from ronnaplan.pose import as_pose
@@ -151,10 +151,8 @@ class PlaceEntry(_Grown):
     @model_validator(mode="after")
     def _check(self) -> Self:
         for name, matrix in (("r_from_ct", self.r_from_ct), ("room_from_r", self.room_from_r)):
-            try:
+            with told_by_reader():
                 as_pose(matrix, name)
-            except InputError as error:
-                raise ValueError(str(error)) from error
         least = min((one.joint_margin_deg for one in self.tasks), default=0.0)
         if not np.isclose(least, self.worst_margin_deg, atol=1e-6):
             raise ValueError(f"worst_margin_deg is {self.worst_margin_deg:g}, but the tasks say {least:g}")

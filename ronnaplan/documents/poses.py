@@ -7,8 +7,7 @@ from typing import Self
 import numpy as np
 from pydantic import model_validator
 
-from ronnaplan.documents.fields import DocumentModel, Matrix4, PoseCovariance
-from ronnaplan.errors import InputError
+from ronnaplan.documents.fields import DocumentModel, Matrix4, PoseCovariance, told_by_reader
 from ronnaplan.geometry import Frame
 from ronnaplan.pose import Pose, as_pose
 
@@ -24,10 +23,8 @@ class PoseEntry(DocumentModel):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        try:
+        with told_by_reader():
             as_pose(self.matrix, "matrix")
-        except InputError as error:
-            raise ValueError(str(error)) from error
         return self
 
     def pose(self, to_frame: Frame, from_frame: Frame) -> Pose:

@@ -27,6 +27,7 @@ from ronnaplan.documents.fields import (
     Software,
     Vector,
     flag_sentence,
+    told_by_reader,
 )
 from ronnaplan.documents.reading import read_document
 from ronnaplan.errors import FrameMismatchError, InputError
@@ -131,10 +132,8 @@ class RegistrationDocument(DocumentModel):
         elif self.ots_from_ct is not None or self.covariance is not None:
             raise ValueError(f"the registration is {self.status}, yet holds ots_from_ct or a covariance")
         if self.ots_from_ct is not None:
-            try:
+            with told_by_reader():
                 as_pose(self.ots_from_ct, "ots_from_ct")
-            except InputError as error:
-                raise ValueError(str(error)) from error
         if self.status == "unique":
             _check_residuals(self)
             _check_targets(self)

@@ -21,10 +21,10 @@ from ronnaplan.documents.fields import (
     Software,
     Vector,
     require_different_names,
+    told_by_reader,
 )
 from ronnaplan.documents.poses import SAME_POSE_MM, PoseEntry, pose_entry
 from ronnaplan.documents.reading import made, read_document
-from ronnaplan.errors import InputError
 from ronnaplan.pose import as_pose
 from ronnaplan.robot.camera import RIG, Camera, StereoRig
 from ronnaplan.robot.chain import TCP
@@ -54,10 +54,8 @@ class CameraEntry(DocumentModel):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        try:
+        with told_by_reader():
             self.camera()
-        except InputError as error:
-            raise ValueError(str(error)) from error
         return self
 
     def camera(self) -> Camera:
@@ -121,10 +119,8 @@ class SpheresDocument(DocumentModel):
     @model_validator(mode="after")
     def _check(self) -> Self:
         require_different_names("spheres", [one.label for one in self.spheres])
-        try:
+        with told_by_reader():
             places = self.markers.positions_mm
-        except InputError as error:
-            raise ValueError(str(error)) from error
         for one, place in zip(self.spheres, places, strict=True):
             if not np.allclose(one.position, place, rtol=0.0, atol=SAME_POSE_MM):
                 raise ValueError(f"sphere {one.label} is not where its look puts it")

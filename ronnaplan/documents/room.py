@@ -15,9 +15,9 @@ from ronnaplan.documents.fields import (
     PositiveMm,
     Vector,
     require_different_names,
+    told_by_reader,
 )
 from ronnaplan.documents.reading import read_settings
-from ronnaplan.errors import InputError
 from ronnaplan.robot.placement import room as parts
 
 MOST_THINGS = 200
@@ -89,10 +89,8 @@ class HeadEntry(DocumentModel):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        try:
+        with told_by_reader():
             self.pose()
-        except InputError as error:
-            raise ValueError(str(error)) from error
         return self
 
     def pose(self) -> parts.HeadPose:
@@ -137,10 +135,8 @@ class ToolEntry(DocumentModel):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        try:
+        with told_by_reader():
             self.tool()
-        except InputError as error:
-            raise ValueError(str(error)) from error
         return self
 
     def tool(self) -> parts.Tool:

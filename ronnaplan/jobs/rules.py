@@ -8,16 +8,13 @@ from typing import Annotated, ClassVar, TypeVar
 
 from pydantic import AfterValidator, Field
 
-from ronnaplan.documents.fields import DocumentModel, Label, Line, PositiveMm
-from ronnaplan.errors import UsageError
+from ronnaplan.documents.fields import DocumentModel, Label, Line, PositiveMm, told_by_reader
 from ronnaplan.localization import Build
 
 
 def _build(text: str) -> str:
-    try:
+    with told_by_reader():
         Build.parse(text)
-    except UsageError as error:
-        raise ValueError(str(error)) from error
     return text
 
 
