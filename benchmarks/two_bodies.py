@@ -19,6 +19,7 @@ from benchmarks.matchers import Pairs
 from ronnaplan.correspondence import match_points
 from ronnaplan.geometry import FloatArray
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
+from ronnaplan.studies.scenes import uniform_in_ball
 
 FEWER, SCALES = (0, 3, 4), (1.0, 1.4, 2.0, 3.0)
 """Markers that the second body has less, and errors over the stated ones."""
@@ -66,13 +67,13 @@ def scene(rng: np.random.Generator, fewer: int, scale: float) -> tuple[FloatArra
     one, other = body(rng, first), body(rng, second)
     field = rng.uniform(60.0, 300.0)
     outliers = int(rng.uniform(0.0, 1.5) * first)
-    other = other + ball(rng, 1, field)
-    one = one + ball(rng, 1, 0.5 * field)
+    other = other + uniform_in_ball(rng, (1,), field)
+    one = one + uniform_in_ball(rng, (1,), 0.5 * field)
     center = other.mean(axis=0)
     moved = Rotation.from_quat(rng.normal(size=4)).apply(other - center) + center + rng.uniform(-60.0, 60.0, 3)
     ct_true, ots_true = np.vstack((one, other)), np.vstack((one, moved))
     ct, ots = (
-        np.vstack((true + scale * sigma * rng.normal(size=true.shape), ball(rng, outliers, field)))
+        np.vstack((true + scale * sigma * rng.normal(size=true.shape), uniform_in_ball(rng, (outliers,), field)))
         for sigma, true in ((SIGMA_CT_MM, ct_true), (SIGMA_OTS_MM, ots_true))
     )
     order = rng.permutation(len(ots))
@@ -85,7 +86,7 @@ def body(rng: np.random.Generator, count: int) -> FloatArray:
     """Return so many markers (count, 3) of a body of one of five shapes, 60 to 180 mm wide."""
     shape, radius = rng.integers(5), rng.uniform(30.0, 90.0)
     if shape == 0:
-        return ball(rng, count, radius)
+        return uniform_in_ball(rng, (count,), radius)
     if shape == 1:
         direction = rng.normal(size=(count, 3))
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
@@ -94,15 +95,8 @@ def body(rng: np.random.Generator, count: int) -> FloatArray:
         return rng.uniform(-0.5, 0.5, (count, 3)) * [1.5 * radius, 1.5 * radius, PLATE_MM]
     if shape == 3:
         return rng.uniform(-0.5, 0.5, (count, 3)) * [2.0 * radius, ROW_MM, ROW_MM]
-    clusters = ball(rng, 2, radius)
-    return np.asarray(clusters[rng.integers(2, size=count)] + ball(rng, count, radius / 3.0))
-
-
-def ball(rng: np.random.Generator, count: int, radius: float) -> FloatArray:
-    """Return points (count, 3) that fill a ball."""
-    direction = rng.normal(size=(count, 3))
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    return np.asarray(direction * radius * np.cbrt(rng.random((count, 1))))
+    clusters = uniform_in_ball(rng, (2,), radius)
+    return np.asarray(clusters[rng.integers(2, size=count)] + uniform_in_ball(rng, (count,), radius / 3.0))
 
 
 if __name__ == "__main__":

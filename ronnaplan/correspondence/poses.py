@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -92,7 +93,6 @@ class Search:
     """What all seeds share: the problem's distances and cells, the hits a pose needs, and if every seed is drawn."""
 
     problem: Problem
-    table: Table
     grid: Grid
     needed: tuple[int, int]
     chance: float
@@ -102,9 +102,13 @@ class Search:
     def of(cls, problem: Problem, every: bool) -> Search:
         """Return the search in which ``every`` seed is drawn, or only some."""
         grid = point_grid(problem.ots, problem.sigma_mm, WIDEST_REACH_SIGMAS * problem.sigma_mm)
-        table = distance_table(problem.ots, problem.sigma_mm)
         chance = chance_of_hit(problem)
-        return cls(problem, table, grid, needed_hits(len(problem.ct) - 3, chance), chance, every)
+        return cls(problem, grid, needed_hits(len(problem.ct) - 3, chance), chance, every)
+
+    @cached_property
+    def table(self) -> Table:
+        """The OTS points' distances, by which seeds are looked up."""
+        return distance_table(self.problem.ots, self.problem.sigma_mm)
 
     @property
     def sides_chi2(self) -> float:
@@ -168,11 +172,9 @@ def find_poses(
     search = Search.of(problem, every)
     rng = np.random.default_rng(len(problem.ct) * 10_007 + len(problem.ots))
     work_left = work_allowed(problem) - work_done
-    poses: list[Pose] = []
+    poses = refined_poses(search, before)
     chance, best, size = Chance.of(problem), None, float(least_size)
     done, missed, batch = 0, 1.0, FIRST_BATCH
-    for earlier in before:
-        add_pose(poses, refine(search, earlier.matrix))
     draw = seed_stream(rng, len(problem.ct))
     with ThreadPoolExecutor(PARTS) as pool:
         while len(seeds := draw(batch)):
@@ -198,11 +200,16 @@ def find_poses(
 
 def weighed_anew(problem: Problem, poses: Sequence[Pose]) -> list[Pose]:
     """Return poses that were found with other errors, refined and weighed with those of a problem, best first."""
-    search = Search.of(problem, every=False)
+    anew = refined_poses(Search.of(problem, every=False), poses)
+    return sorted(anew, key=lambda pose: -pose.log_evidence)
+
+
+def refined_poses(search: Search, poses: Sequence[Pose]) -> list[Pose]:
+    """Return the distinct ones of ``poses`` that were found with other errors, refined with the search's."""
     anew: list[Pose] = []
     for pose in poses:
         add_pose(anew, refine(search, pose.matrix))
-    return sorted(anew, key=lambda pose: -pose.log_evidence)
+    return anew
 
 
 def looked_up(
@@ -219,16 +226,16 @@ def looked_up(
     Poses are left soon that do not promise as many pairs as ``size``, or as any that could be handed on.
     In `PARTS` parts, however many cores there are: every machine finds the same.
     """
-    problem = search.problem
+    problem, table = search.problem, search.table
     share = 0.0 if search.every else float(search.share(max(size, search.needed[1] + 3)))
 
     def of_part(part: IntArray) -> tuple[list[Pose | None], float, bool]:
         matrices, hits, work, finished = poses_of_seeds(
             problem.ct, problem.ots, search.grid, part, trials, search.needed, (search.chance, share),
-            search.table, problem.sigma_mm, search.sides_chi2, known, most_work / PARTS,
+            table, problem.sigma_mm, search.sides_chi2, known, most_work / PARTS,
         )  # fmt: skip
-        refined_poses = [refine(search, matrix) for matrix in matrices[hits > 0]]
-        return refined_poses, work + REFINING_WORK * len(problem.ct) * len(refined_poses), finished
+        fitted = [refine(search, matrix) for matrix in matrices[hits > 0]]
+        return fitted, work + REFINING_WORK * len(problem.ct) * len(fitted), finished
 
     # Few seeds may be costly: among 1,000 dense points one takes 40 ms.
     run = pool.map if len(seeds) > LEAST_BATCH or most_work > LEAST_SHARED_WORK else map

@@ -94,14 +94,13 @@ class Handing:
 
     async def _made(self, name: str, origin: Origin) -> bytes:
         """Have a file made of the case as it is now, by a process of its own; one at a time."""
-        verb, *_ = MADE[name]
         if not self._storage.found.keys() & {PLAN, FIDUCIALS, REGISTRATION}:
             raise web.HTTPUnprocessableEntity(
                 text=f"the case holds nothing yet that {name} could show; add a trajectory, or localize the markers"
             )
         options = ["--ct", str(origin.ct), *(("--series", origin.series) if origin.series else ())]
         name_of_case = f"--name={self._storage.plan.parent.name}"  # which that of the copies' folder is not
-        options += (name_of_case, *origin.stated) if verb == "report" else origin.regions
+        options += (name_of_case, *origin.stated) if MADE[name][0] == "report" else origin.regions
         return await self._run_on_copies(name, (*MADE[name], *options))
 
     async def _run_on_copies(self, name: str, command: tuple[str, ...]) -> bytes:
