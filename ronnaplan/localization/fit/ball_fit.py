@@ -33,10 +33,10 @@ class BallFit:
     otherwise how far a cavity does, ``aside_mm`` (3,).
     ``is_shaded`` says whether the shading was asked for, ``is_clipped`` whether voxels that informed the fit are at the
     top of the scale. ``made_good_mm`` (3,) is how far the center was moved, in LPS, by what a head does to the image
-    being made good, and None where that was not done. ``crossed_mm2`` (3, 3), along u, v, w, is how well the pull of a
-    screw that crosses its slices is known, which was made good (`judge.crossed`), and None where none
-    does. ``rim_mm2`` (3, 3) is the same of what the rim of a socket does to directions beside it, which were left
-    out (`judge.rim`), and ``drawn`` the fit by all of them.
+    being made good, and None where that was not done. ``by_part_mm2`` (3, 3), along u, v, w, is how well the center is
+    known where a part of the ball told it better than the whole, as the rest is pulled by a screw that crosses its
+    slices (`judge.crossed`) or by the rim of a socket (`judge.rim`), and None elsewhere; ``drawn`` is the fit by the
+    whole of a ball in a socket.
     """
 
     neighbourhood: Neighbourhood
@@ -56,8 +56,7 @@ class BallFit:
     prior: Prior
     ceiling_hu: float
     made_good_mm: FloatArray | None = None
-    crossed_mm2: FloatArray | None = None
-    rim_mm2: FloatArray | None = None
+    by_part_mm2: FloatArray | None = None
     drawn: BallFit | None = None
 
     @property

@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.localization.fit.algebra import inverse
-from ronnaplan.localization.fit.ball_fit import BallFit, fit_at
+from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.cells import cell_directions
-from ronnaplan.localization.fit.descent import descend
 from ronnaplan.localization.fit.guess import margin_mm
-from ronnaplan.localization.fit.model import has_layer
 from ronnaplan.localization.fit.parameters import CENTER, RADIUS, WIDTH
+from ronnaplan.localization.judge.part import HALF_A_BALL, fit_by_part, is_plain
 from ronnaplan.localization.judge.uncertainty import ADAPTED_SLICES, WEIGHTS, by_slices
 from ronnaplan.localization.search.look import metal_beyond
 
@@ -33,10 +32,6 @@ width at least: a single slice is explained by any radius, with a center up to 1
 CROSSED_PULL_MM = 0.013
 """Standard deviation of a pull along each axis: screws of titanium and steel pull by up to 56 um, 17 um RMS by a soft
 kernel and 7 um by a sharp one (113 balls of glass and plastic)."""
-
-HALF_A_BALL = 1.5
-"""A part of a ball tells its center less well than its residuals say: by so much for a soft and a sharp kernel (the
-same balls)."""
 
 STILL_CROSSED = 0.4
 """So much of a pull that is made good is stated as error: so much of it is left at the root mean square."""
@@ -49,19 +44,14 @@ def without_the_screw(volume: CTVolume, fit: BallFit) -> BallFit:
 
     As it is, where none does so. That is not asked of metal, hollow or wrapped balls, which other things bend.
     """
-    if not fit.converged or fit.may_be_metal or has_layer(fit.theta):
+    if not is_plain(fit):
         return fit
     clear = _clear_of_screws(volume, fit)
     if clear is None:
         return fit
     around = fit.neighbourhood.select(fit.used & clear)
-    used = np.ones(len(around.values_hu), dtype=np.bool_)
-    if len(used) < 3 * len(fit.theta):
-        return fit
-    theta, converged = descend(around, fit.theta, fit.prior, fit.ceiling_hu)
-    slopes = fit.made_good_mm is None
-    alone = fit_at(around, theta, fit.prior, fit.verdict, used, fit.ceiling_hu, converged=converged, slopes=slopes)
-    if not alone.converged:
+    alone = fit_by_part(fit, around, np.ones(len(around.values_hu), dtype=np.bool_))
+    if alone is None:
         return fit
     noise_mm2 = HALF_A_BALL**2 * WEIGHTS["slices"] * by_slices(alone)
     believed = PRIOR @ inverse(PRIOR + noise_mm2)
@@ -70,7 +60,7 @@ def without_the_screw(volume: CTVolume, fit: BallFit) -> BallFit:
     return replace(
         fit,
         theta=np.append(fit.theta[CENTER] + moved_mm, fit.theta[RADIUS:]),
-        crossed_mm2=PRIOR - believed @ PRIOR + np.outer(left_mm, left_mm),
+        by_part_mm2=PRIOR - believed @ PRIOR + np.outer(left_mm, left_mm),
     )
 
 

@@ -16,13 +16,11 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.algebra import inverse
-from ronnaplan.localization.fit.ball_fit import BallFit, fit_at
+from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.cells import cell_directions, direction_cells
-from ronnaplan.localization.fit.descent import descend
 from ronnaplan.localization.fit.directions import near_any
-from ronnaplan.localization.fit.model import has_layer
 from ronnaplan.localization.fit.parameters import CENTER, RADIUS
-from ronnaplan.localization.judge.crossed import HALF_A_BALL
+from ronnaplan.localization.judge.part import HALF_A_BALL, fit_by_part, is_plain
 from ronnaplan.localization.judge.uncertainty import WEIGHTS, by_slices
 
 CLEAR_DEG = 35.0
@@ -56,20 +54,18 @@ def without_the_rim(fit: BallFit, diameter_mm: float) -> BallFit:
     one do that jumped while it was scanned. That is not asked of metal, hollow or wrapped balls, nor of those whose
     slices a screw crosses, which other things bend.
     """
-    if not fit.converged or fit.may_be_metal or has_layer(fit.theta) or fit.crossed_mm2 is not None:
+    if not is_plain(fit) or fit.by_part_mm2 is not None:
         return fit
     is_left_out = fit.verdict.state == 0
     is_clear = ~near_any(cell_directions(), is_left_out, math.cos(math.radians(CLEAR_DEG)))
-    clear = fit.used & is_clear[direction_cells(fit.neighbourhood.offsets_mm - fit.theta[CENTER])]
-    if not is_left_out.any() or np.mean(is_clear) < LEAST_CLEAR or np.count_nonzero(clear) < 3 * len(fit.theta):
+    if not is_left_out.any() or np.mean(is_clear) < LEAST_CLEAR:
         return fit
-    theta, converged = descend(fit.neighbourhood.select(clear), fit.theta, fit.prior, fit.ceiling_hu)
-    slopes = fit.made_good_mm is None
-    alone = fit_at(
-        fit.neighbourhood, theta, fit.prior, fit.verdict, clear, fit.ceiling_hu, converged=converged, slopes=slopes
-    )
+    clear = fit.used & is_clear[direction_cells(fit.neighbourhood.offsets_mm - fit.theta[CENTER])]
+    alone = fit_by_part(fit, fit.neighbourhood, clear)
+    if alone is None:
+        return fit
     moved_mm = alone.theta[CENTER] - fit.theta[CENTER]
-    if not alone.converged or not _was_drawn(moved_mm, cell_directions()[is_left_out].sum(axis=0)):
+    if not _was_drawn(moved_mm, cell_directions()[is_left_out].sum(axis=0)):
         return fit
     off_mm, off_alone_mm = (abs(2.0 * float(one.theta[RADIUS]) - diameter_mm) for one in (fit, alone))
     if off_alone_mm > off_mm + LEAST_DRAWN_MM:
@@ -80,13 +76,11 @@ def without_the_rim(fit: BallFit, diameter_mm: float) -> BallFit:
         return fit
     left_mm = STILL_DRAWN * moved_mm
     more_mm2 = (HALF_A_BALL**2 - 1.0) * told_mm2 + np.outer(left_mm, left_mm)
-    return replace(alone, made_good_mm=fit.made_good_mm, rim_mm2=more_mm2, drawn=fit)
+    return replace(alone, made_good_mm=fit.made_good_mm, by_part_mm2=more_mm2, drawn=fit)
 
 
 def _was_drawn(moved_mm: FloatArray, rim: FloatArray) -> bool:
     """Tell whether a center that has to be ``moved_mm`` (3,) had been drawn towards a ``rim`` (3,), and far enough."""
-    far_mm = float(np.linalg.norm(moved_mm))
-    away = -float(moved_mm @ rim)
-    return far_mm >= LEAST_DRAWN_MM and away > math.cos(math.radians(TOWARDS_DEG)) * far_mm * float(
-        np.linalg.norm(rim)
-    )
+    far_mm, away = float(np.linalg.norm(moved_mm)), -float(moved_mm @ rim)
+    straight = far_mm * float(np.linalg.norm(rim))
+    return far_mm >= LEAST_DRAWN_MM and away > math.cos(math.radians(TOWARDS_DEG)) * straight

@@ -112,7 +112,8 @@ def center_covariance(
     total += hidden_shading_mm2(fit) * np.eye(3)
     total += UNEVEN**2 / 3.0 * fit.center_by_layer @ fit.center_by_layer.T
     total += LAG_MM**2 * by_panel(fit.theta) * WITHIN
-    total += sum(left_mm2 for left_mm2 in (fit.crossed_mm2, fit.rim_mm2) if left_mm2 is not None)
+    if fit.by_part_mm2 is not None:
+        total += fit.by_part_mm2
     axes = fit.neighbourhood.axes
     rotated: FloatArray = axes.T @ total @ axes
     if is_off_size(excess_mm):

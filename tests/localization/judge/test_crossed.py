@@ -75,23 +75,23 @@ def test_the_slices_that_a_screw_crosses_do_not_pull_a_ball() -> None:
 
 def test_in_coronal_pictures_they_are_the_slices_that_were_measured() -> None:
     fit = fit_of(coronal(on_a_screw(18.0)))
-    assert fit.crossed_mm2 is not None
+    assert fit.by_part_mm2 is not None
     assert abs(fit.center_mm[2] - CENTER_MM[2]) < 0.010  # 0.042 with them
 
 
 def test_a_single_slice_that_is_clear_does_not_tell_a_center() -> None:
-    assert fit_of(on_a_screw(25.0, streak=False, spacing_mm=3.0)).crossed_mm2 is None  # 17 um off by it
+    assert fit_of(on_a_screw(25.0, streak=False, spacing_mm=3.0)).by_part_mm2 is None  # 17 um off by it
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 60.0], ids=["along the slices", "steep"])
 def test_a_screw_that_crosses_both_halves_or_none_moves_nothing(tilt_deg: float) -> None:
     volume = on_a_screw(tilt_deg, streak=False)
     fit = fit_of(volume)
-    assert fit.crossed_mm2 is None
+    assert fit.by_part_mm2 is None
     assert without_the_screw(volume, fit) is fit
 
 
 def test_where_no_pull_shows_the_center_stays() -> None:
     fit = fit_of(on_a_screw(18.0, streak=False))
-    assert fit.crossed_mm2 is not None
+    assert fit.by_part_mm2 is not None
     assert np.abs(fit.center_mm - CENTER_MM).max() < 0.006

@@ -46,7 +46,7 @@ def test_a_socket_does_not_draw_its_ball_in() -> None:
 
 def test_a_thin_post_leaves_its_ball_as_it_was_fitted() -> None:
     fit = fit_of(in_a_socket(0.3, np.array([-1.0, 0.0, 0.0])))
-    assert fit.rim_mm2 is None
+    assert fit.by_part_mm2 is None
 
 
 @pytest.mark.parametrize("jump_mm", [(0.25, 0.0, 0.0), (-0.25, 0.0, 0.0), (0.0, -0.25, 0.0)])
@@ -66,7 +66,7 @@ def test_a_ball_that_jumped_while_it_was_scanned_is_not_taken_for_one_in_a_socke
     is_after = before.grid.slice_positions_mm > CENTER_MM[2]
     voxels_hu = np.where(is_after[:, np.newaxis, np.newaxis], after.voxels_hu, before.voxels_hu)
     fit = fit_place(Scan(replace(before, voxels_hu=voxels_hu)), CENTER_MM + 0.1, diameter_mm)
-    assert fit.rim_mm2 is None
+    assert fit.by_part_mm2 is None
 
 
 def test_the_profile_of_thick_slices_is_no_rim() -> None:
