@@ -13,7 +13,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Protocol
 
-from ronnaplan.errors import RonnaplanError
+from ronnaplan.errors import RonnaplanError, UnwrittenError
 from ronnaplan.jobs.processes import end_with_parent
 
 MIB = 1 << 20
@@ -69,6 +69,8 @@ def _serve(
         order, begun = begun or json.loads(orders.get()), None
         try:
             work(order, tell)
+        except UnwrittenError as error:  # there may be room later
+            tell("ended", job=order["job"], state=BROKEN, reason=str(error))
         except RonnaplanError as error:
             tell("ended", job=order["job"], state=REFUSED, reason=str(error))
         except Exception as error:  # whatever it is, it is this job's: told, and tried again

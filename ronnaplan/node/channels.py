@@ -21,6 +21,7 @@ from ronnaplan.ct.header import EXPLICIT_LITTLE
 from ronnaplan.errors import InputError
 from ronnaplan.node.commitment import ASK, COMMITMENT, WELL_KNOWN
 from ronnaplan.node.config import Config, Peer
+from ronnaplan.node.store import Status
 from ronnaplan.node.web import unreached, web_client
 
 if TYPE_CHECKING:
@@ -31,8 +32,6 @@ CLASSES: Final = (
     *(Comprehensive3DSRStorage, EncapsulatedPDFStorage, SecondaryCaptureImageStorage),
 )
 """What is sent."""
-WARNINGS: Final = frozenset({0xB000, 0xB006, 0xB007})
-"""Statuses of C-STORE that say that the instance was kept, if not as it was."""
 STORED: Final = 200
 """Status of HTTP that says that every instance was stored (PS3.18, 10.5.3)."""
 
@@ -79,12 +78,15 @@ class _Storage:
             raise InputError(f"{self._peer.name} takes no request for storage commitment")
 
     def send(self, path: Path) -> None:
+        from pynetdicom.status import STATUS_SUCCESS, STATUS_WARNING, code_to_category
+
         try:
             answer = self._association.send_c_store(path if self._as_it_is else dcmread(path))
         except (ValueError, RuntimeError, OSError) as error:  # no context for its class, no connection any more
             raise InputError(f"{self._peer.name} takes it not: {error}") from error
-        status = answer.Status if "Status" in answer else None
-        if status != 0 and status not in WARNINGS:
+        status = answer.get("Status")
+        is_there = status == Status.DUPLICATE  # its UID is made of what it says
+        if status is None or not (is_there or code_to_category(status) in (STATUS_SUCCESS, STATUS_WARNING)):
             said = "nothing" if status is None else f"{status:04X}"
             raise InputError(f"{self._peer.name} answered {said}; expected 0000")
 

@@ -14,12 +14,13 @@ from ronnaplan.jobs.processes import Child
 from ronnaplan.node import work
 from ronnaplan.node.audit import Audit
 from ronnaplan.node.config import Config, read_config
-from ronnaplan.node.index import Index
+from ronnaplan.node.index import FILE, Index
 from ronnaplan.node.jobs import Foreman
 from ronnaplan.node.logs import LISTENING, Log
 from ronnaplan.node.page import Page
 from ronnaplan.node.papers import PapersWatch
 from ronnaplan.node.series import SeriesWatch
+from ronnaplan.node.store import INSTANCES
 from ronnaplan.portable import GIVING_BACK
 
 LOCK = "node.lock"
@@ -46,7 +47,7 @@ def run_node(config_path: Path, stop: threading.Event, log: Log, worker: str = W
             raise InputError(
                 f"another node keeps its data in {config.data}; end it, or name another folder"
             ) from error
-        index = stack.enter_context(Index(config.data))
+        index = stack.enter_context(_index_of(config.data))
         audit = Audit(config.data, config.audit, config.titles[0], log)
         audit.started()
         stack.callback(audit.stopped)
@@ -67,6 +68,21 @@ def run_node(config_path: Path, stop: threading.Event, log: Log, worker: str = W
                 log.tell("cannot go on", reason=str(error))
                 stop.wait(RESTART_S)
     log.tell("stopped")
+
+
+def _index_of(data: Path) -> Index:
+    """Open the index; raises `InputError` where it is damaged, or gone while there are scans, which it alone names.
+
+    Files that no row names are removed when the receiver starts: they were not acknowledged.
+    """
+    path, scans = data / FILE, data / INSTANCES
+    remedy = "put it back, or name another folder, to which all scans are sent again"
+    if not path.exists() and any(scans.rglob("*.dcm")):
+        raise InputError(f"the index {path} is gone, but scans lie in {scans}; {remedy}")
+    try:
+        return Index(data)
+    except sqlite3.Error as error:  # a full disk, too
+        raise InputError(f"the index {path} cannot be used ({error}); see to its disk, {remedy}") from error
 
 
 class Hub:

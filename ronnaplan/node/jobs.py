@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import queue
+from collections import deque
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -65,7 +65,7 @@ class Foreman:
 
     def __init__(self, config: Config, index: Index, log: Log, module: str) -> None:
         self._config, self._index, self._log, self._module = config, index, log, module
-        self._said: queue.SimpleQueue[tuple[int, str]] = queue.SimpleQueue()
+        self._said: deque[tuple[int, str]] = deque()
         self._workers: dict[int, Worker] = {}
         self._next, self._hire_due = 0, 0.0
         self._audit = Audit(config.data, config.audit, config.titles[0], log)
@@ -114,7 +114,7 @@ class Foreman:
         child = Child(
             self._module,
             [str(self._config.jobs.memory_mib)],
-            lambda line: self._said.put((number, line)),
+            lambda line: self._said.append((number, line)),
             GIVING_BACK,
         )
         self._workers[number] = Worker(child)
@@ -181,29 +181,34 @@ class Foreman:
         worker.child.end()
 
     def _hear(self, now: float) -> None:
-        while not self._said.empty():
-            number, line = self._said.get()
+        while self._said:
+            self._note(*self._said[0], now)
+            self._said.popleft()  # only now: what a full disk keeps from being noted is noted later
+
+    def _note(self, number: int, line: str, now: float) -> None:
+        """Note what a worker said; once more, where the index could not be written."""
+        worker = self._workers.get(number)
+        try:
             told: dict[str, Any] = json.loads(line)
-            worker = self._workers.get(number)
-            if worker is None:
-                continue
-            if told["event"] == "ready":
-                worker.is_ready = True
-                self._log.tell("worker ready", process=worker.child.pid)
-            elif worker.job is None or worker.job.id != told.get("job"):
-                continue
-            elif told["event"] == "answer":
-                self._answer(worker.job, told, now)
-            elif told["event"] == "left out":
-                self._log.tell("answer left out", job=worker.job.id, answer=told["answer"], reason=told["reason"])
-            elif told["event"] == "left empty":
-                self._log.tell("left empty", job=worker.job.id, reason=told["reason"])
-            elif told["event"] == "ended":
-                self._ended(number, worker.job, told, now)
+        except ValueError:  # what a library prints, or a line torn by its worker's death
+            return
+        if worker is None:
+            return
+        if told["event"] == "ready":
+            worker.is_ready = True
+            self._log.tell("worker ready", process=worker.child.pid)
+        elif worker.job is None or worker.job.id != told.get("job"):
+            return
+        elif told["event"] == "answer":
+            self._answer(worker.job, told, now)
+        elif told["event"] == "left out":
+            self._log.tell("answer left out", job=worker.job.id, answer=told["answer"], reason=told["reason"])
+        elif told["event"] == "left empty":
+            self._log.tell("left empty", job=worker.job.id, reason=told["reason"])
+        elif told["event"] == "ended":
+            self._ended(number, worker.job, told, now)
 
     def _ended(self, number: int, job: JobRow, told: dict[str, Any], now: float) -> None:
-        worker = self._workers[number]
-        worker.job = None
         if told["state"] == BROKEN:
             self._broken(job, told["reason"], now)
         else:

@@ -23,6 +23,8 @@ class PapersWatch:
 
     def __init__(self, config: Config, index: Index, log: Log) -> None:
         self._config, self._index, self._log, self._due = config, index, log, 0.0
+        self._unread: dict[str, str] = {}
+        """Why the folders of rules cannot be looked into."""
 
     def tick(self, now: float) -> None:
         """Look, at most every `LOOK_S`, what is there at ``now`` (seconds since 1970)."""
@@ -31,8 +33,15 @@ class PapersWatch:
         self._due = now + LOOK_S
         for rule in self._config.rule:
             home = self._config.home / rule.documents if rule.documents else None
-            for folder in home.iterdir() if home is not None and home.is_dir() else ():
-                self._look(rule.name, folder, now)
+            reason = ""
+            try:
+                for folder in home.iterdir() if home is not None and home.is_dir() else ():
+                    self._look(rule.name, folder, now)
+            except OSError as error:  # it keeps no scan waiting
+                reason = str(error)
+            if reason and reason != self._unread.get(rule.name):
+                self._log.tell("documents unread", rule=rule.name, reason=reason)
+            self._unread[rule.name] = reason
 
     def _look(self, rule: str, folder: Path, now: float) -> None:
         stamp = stamp_of(folder)

@@ -11,13 +11,13 @@ import pickle
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from ronnaplan.errors import RefusedError, RonnaplanError
+from ronnaplan.errors import RefusedError, RonnaplanError, UnwrittenError
 from ronnaplan.jobs.serving import DONE, Tell, serve
 from ronnaplan.node.config import AnswerKind, Rule
 from ronnaplan.node.lean import load_pydicom
@@ -162,7 +162,9 @@ def _papers(order: Order) -> dict[str, Path]:
     if order.rule.documents is None:
         return {}
     home = order.home / order.rule.documents / order.folder.parent.name
-    return {kind: home / name for kind, name in KINDS.items() if (home / name).is_file()}
+    with suppress(OSError):  # who looks for them tells of it
+        return {kind: home / name for kind, name in KINDS.items() if (home / name).is_file()}
+    return {}
 
 
 def _answer(order: Order, kind: str, make: Callable[[], FileDataset], tell: Tell) -> None:
@@ -186,9 +188,11 @@ def _left_empty(order: Order, tell: Tell) -> Callable[[str], None]:
 
 @contextmanager
 def _left_out(order: Order, kind: str, tell: Tell) -> Iterator[None]:
-    """Tell of an answer that cannot be made; it keeps no other one back."""
+    """Tell of an answer that cannot be made; it keeps no other one back, but where nothing can be written now."""
     try:
         yield
+    except UnwrittenError:
+        raise
     except RonnaplanError as error:
         tell("left out", job=order.job, answer=kind, reason=str(error))
 

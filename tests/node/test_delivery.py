@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from pydicom import dcmread
+from pynetdicom import AE, StoragePresentationContexts, evt
 
 from ronnaplan.documents.dicom_spatial import dicom_bytes, spatial_fiducials
 from ronnaplan.documents.fiducials import Source
@@ -19,6 +20,7 @@ from ronnaplan.node.index import Index
 from ronnaplan.node.logs import Log
 from ronnaplan.node.pull import Wanted, pull
 from ronnaplan.node.sender import Sender
+from ronnaplan.node.transport import set_up_pynetdicom
 from tests import cases
 from tests.ct import makers
 from tests.node.peers import Orthanc, configuration, free_port, listening, needs, program, save, until
@@ -104,6 +106,31 @@ def test_an_answer_waits_for_its_receiver_and_goes_encrypted_to_the_right_one_on
             until(lambda told=told, why=why: state().startswith(told) and why in state())  # type: ignore[misc]
             assert told == "sent" or all(state().startswith(told) for _ in range(3))
             assert len(list(got.iterdir())) == (told == "sent")
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_an_answer_that_its_receiver_warns_of_or_has_already_is_not_sent_again(tmp_path: Path) -> None:
+    port, statuses = free_port(), [0xA700, 0xC001, 0x0117, 0xB123, 0x0107, 0x0111]
+    config = configuration(tmp_path, peer=[{"name": "archive", "port": port}])
+    config.data.mkdir()
+    set_up_pynetdicom()
+    entity = AE("ARCHIVE")
+    entity.supported_contexts = StoragePresentationContexts
+    answers = iter(statuses)
+    server = entity.start_server(
+        ("127.0.0.1", port), block=False, evt_handlers=[(evt.EVT_C_STORE, lambda _: next(answers))]
+    )
+    assert server is not None
+    try:
+        with Index(config.data) as index:
+            waiting_answer(config, index)
+            found = []
+            for _ in statuses:
+                index.run("UPDATE deliveries SET state = 'waiting', due = 0")
+                found.append(delivered(config, index, 2.0))
+    finally:
+        server.shutdown()
+    assert found == [f"waiting archive answered {one:04X}; expected 0000" for one in statuses[:3]] + ["sent"] * 3
 
 
 @needs("storescp")

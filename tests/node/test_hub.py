@@ -11,9 +11,12 @@ import sys
 import threading
 from pathlib import Path
 
+import pytest
+
 from ronnaplan.cli import main
+from ronnaplan.errors import InputError
 from ronnaplan.node.hub import run_node
-from ronnaplan.node.index import Index
+from ronnaplan.node.index import FILE, Index
 from ronnaplan.node.logs import Log
 from tests.ct import makers
 from tests.node.peers import free_port, needs, save, send, until, write_toml
@@ -61,3 +64,20 @@ def test_a_template_that_is_not_there_is_told_at_the_start(tmp_path: Path) -> No
     lines = [json.loads(line) for line in told.getvalue().splitlines()]
     missing = [(one["rule"], one["file"]) for one in lines if one["event"] == "no template"]
     assert missing == [("frame", str(tmp_path / "frame.json"))]
+
+
+def test_an_index_that_is_gone_or_damaged_is_told_and_costs_no_scan(tmp_path: Path) -> None:
+    path, stop = tmp_path / "node.toml", threading.Event()
+    path.write_text("page_port = 0\n")
+    stop.set()
+    scan = tmp_path / "node-data" / "instances" / "1.2" / "1.3" / "1.4.dcm"
+    scan.parent.mkdir(parents=True)
+    scan.write_bytes(b"acknowledged")
+    with pytest.raises(InputError, match=r"index\.sqlite is gone, but scans lie in .*; put it back"):
+        run_node(path, stop, Log(io.StringIO()))
+    (tmp_path / "node-data" / FILE).write_bytes(b"no database" * 100)
+    with pytest.raises(
+        InputError, match=r"cannot be used \(file is not a database\); see to its disk, put it back"
+    ):
+        run_node(path, stop, Log(io.StringIO()))
+    assert scan.read_bytes() == b"acknowledged"

@@ -5,20 +5,30 @@ from __future__ import annotations
 import io
 import json
 import os
+import queue
 import shutil
 import signal
+import sqlite3
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
+from pydicom.dataset import FileDataset
 
+from ronnaplan.documents import dicom_spatial, files
+from ronnaplan.errors import UnwrittenError
+from ronnaplan.jobs.serving import _serve
 from ronnaplan.node import jobs as jobs_module
 from ronnaplan.node import work
+from ronnaplan.node.config import Rule
 from ronnaplan.node.index import Index
 from ronnaplan.node.jobs import Foreman, retry, wait_s
 from ronnaplan.node.logs import Log
+from ronnaplan.node.work import Order
 from tests.node.peers import configuration, until
 from tests.node.test_series import facts
 
@@ -118,6 +128,71 @@ def test_no_job_keeps_another_one_waiting_and_each_ends_as_it_should(
     assert retry(index, refused, 0.0)
     assert not retry(index, refused, 0.0)
     assert states(index)["refused"] == ("waiting", 0)
+
+
+class FullDisk(Index):
+    """An index that does not take what `statement` begins with, the first time."""
+
+    statement = ""
+
+    def run(self, sql: str, *values: Any) -> int:
+        if self.statement and sql.startswith(self.statement):
+            self.statement = ""
+            raise sqlite3.OperationalError("database or disk is full")
+        return super().run(sql, *values)
+
+
+@pytest.mark.parametrize("statement", ["INSERT INTO answers", "UPDATE jobs SET state = ?, reason = ?"])
+def test_what_a_full_disk_keeps_from_being_noted_is_noted_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, statement: str
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path.cwd()), os.environ.get("PYTHONPATH", "")]))
+    config = configuration(tmp_path, rule=[{"name": "all"}])
+    config.data.mkdir()
+    with FullDisk(config.data) as index:
+        job(index, "1.4.0")
+        index.statement = statement
+        foreman = Foreman(config, index, Log(io.StringIO()), "tests.node.fake_work")
+
+        def over() -> bool:
+            with suppress(sqlite3.OperationalError):  # as the hub does
+                foreman.tick(time.time())
+            return states(index)["good"][0] == "done"
+
+        try:
+            until(over, 60.0)
+        finally:
+            foreman.close()
+        assert not index.statement
+        assert index.rows("SELECT kind FROM answers") == [("sr",)]
+
+
+def test_an_answer_that_cannot_be_written_now_is_made_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class OverError(Exception):
+        pass
+
+    told: list[str] = []
+
+    def tell(event: str, **facts: Any) -> None:
+        told.append(facts.get("state", event))
+        if event == "ended":
+            raise OverError
+
+    def refuse(*_: object) -> None:
+        raise UnwrittenError("no room")
+
+    made = FileDataset("made.dcm", {})
+    made.SOPInstanceUID = made.SOPClassUID = "1.2"
+    monkeypatch.setattr(files, "write_atomically", refuse)
+    monkeypatch.setattr(dicom_spatial, "dicom_bytes", lambda _: b"")
+    given = Order(1, tmp_path, 0, tmp_path, tmp_path / "answers", Rule(name="r"), ())
+    orders: queue.SimpleQueue[str] = queue.SimpleQueue()
+    orders.put(given.text)
+    with pytest.raises(OverError):
+        _serve(orders, tell, lambda: None, lambda _, tell: work._answer(given, "sr", lambda: made, tell), None)
+    assert told == ["ready", "broken"]
 
 
 def test_a_job_of_a_series_that_has_grown_is_not_begun(index: Index, tmp_path: Path) -> None:

@@ -64,6 +64,20 @@ def test_a_scan_of_which_files_are_gone_is_refused(order: Order) -> None:
         told(order)
 
 
+def test_a_folder_of_documents_that_cannot_be_looked_into_is_told_once_and_keeps_nothing_back(
+    order: Order, index: Index, tmp_path: Path
+) -> None:
+    name = "d" * 300  # longer than a name may be; a folder that only others may read is alike
+    rule = Rule(name="r", documents=name)
+    with pytest.raises(RefusedError, match="no 3 balls of one size"):  # it was looked into
+        told(dataclasses.replace(order, rule=rule))
+    said = io.StringIO()
+    watch = PapersWatch(configuration(tmp_path, rule=[{"name": "r", "documents": name}]), index, Log(said))
+    for now in (0.0, 10.0):
+        watch.tick(now)
+    assert said.getvalue().count("documents unread") == 1
+
+
 def test_registration_and_plan_become_objects_of_the_patient_s_study(order: Order) -> None:
     answers = {line["kind"]: line for line in told(order) if line["event"] == "answer"}
     assert sorted(answers) == ["plan", "registration"]
