@@ -61,7 +61,7 @@ class ControlChart:
         averages = np.empty_like(self.values)
         last = self.center
         for n, value in enumerate(self.values):
-            last = averages[n] = WEIGHT * value + (1.0 - WEIGHT) * last
+            last = averages[n] = last + WEIGHT * (value - last)  # exact where nothing differs
         return averages
 
     @property
@@ -119,7 +119,8 @@ def control_chart(scanner: str, quantity: str, days: Sequence[str], values: Sequ
     ranges = np.abs(np.diff(base))
     sigma = float(ranges.mean() / MEAN_RANGE) if len(ranges) else 0.0
     in_order = tuple(days[n] for n in order)
-    return ControlChart(scanner, quantity, in_order, sorted_values, float(base.mean()), sigma, len(base))
+    center = float(base[0] + (base - base[0]).mean())
+    return ControlChart(scanner, quantity, in_order, sorted_values, center, sigma, len(base))
 
 
 def _unchanged(values: FloatArray) -> FloatArray:
@@ -142,7 +143,7 @@ def _change(values: FloatArray) -> int:
     if count < 2:
         return 0
     before = np.arange(1, count)
-    sums = np.cumsum(values)
+    sums = np.cumsum(values - values[0])
     apart = np.abs(sums[:-1] / before - (sums[-1] - sums[:-1]) / (count - before))
     scores = apart / np.sqrt(1.0 / before + 1.0 / (count - before))
     likeliest = int(np.argmax(scores))

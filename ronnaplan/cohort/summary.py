@@ -40,8 +40,8 @@ class Summary:
     thicknesses: list[tuple[float, float]] = field(default_factory=list)
     """Slice thickness and worst error, RMS, mm."""
     misfits: list[float] = field(default_factory=list)
-    phantoms: dict[tuple[str, str], list[Row]] = field(default_factory=lambda: defaultdict(list))
-    """(Scanner, phantom) -> its scans of which the day is told."""
+    phantoms: dict[tuple[str, str], dict[tuple[Any, ...], Row]] = field(default_factory=lambda: defaultdict(dict))
+    """(Scanner, phantom) -> its scans of which the day is told, by all that is charted of them: a copy counts once."""
     undated: Counter[tuple[str, str]] = field(default_factory=Counter)
     """(Scanner, phantom) -> scans that have no place in time, and so none in a chart."""
     worst: list[tuple[tuple[float, ...], int, Row]] = field(default_factory=list)
@@ -62,7 +62,7 @@ class Summary:
                 [row[name] for row in rows],
             )
             for (scanner, phantom), found in sorted(self.phantoms.items())
-            for rows in [sorted(found, key=_moment)]
+            for rows in [sorted(found.values(), key=_moment)]
             if len(rows) >= LEAST
             for name, quantity in CHARTED.items()
         ]
@@ -110,7 +110,8 @@ def _add(summary: Summary, row: Row, number: int) -> None:
     if row.get("phantom") is not None:
         scanned = scanner_of(row), row["phantom"]
         if row.get("acquired"):
-            summary.phantoms[scanned].append({name: row.get(name) for name in (*MOMENT, "series", *CHARTED)})
+            charted = {name: row.get(name) for name in (*MOMENT, "series", *CHARTED)}
+            summary.phantoms[scanned][tuple(charted.values())] = charted
         else:
             summary.undated[scanned] += 1
     if row.get("sheet"):

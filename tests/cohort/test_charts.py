@@ -54,8 +54,9 @@ def test_days_are_put_in_order_and_too_few_scans_are_not_judged() -> None:
     assert chart(values[:-1]).verdict == "steady"
 
 
-def test_scans_that_never_differ_are_steady() -> None:
-    assert chart(np.full(30, 2.0)).verdict == "steady"
+@pytest.mark.parametrize("value", [2.0, 0.3, 1 / 3, 0.1])
+def test_scans_that_never_differ_are_steady(value: float) -> None:
+    assert chart(np.full(60, value)).verdict == "steady"
 
 
 @pytest.mark.parametrize(("scans", "changed"), [(24, 13), (24, 20), (16, 8), (12, 6), (260, 30), (260, 8)])

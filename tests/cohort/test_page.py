@@ -120,6 +120,14 @@ def test_scans_of_one_day_are_charted_in_the_order_of_their_times(tmp_path: Path
     assert summarize(earlier).charts  # what an index of before does not hold
 
 
+def test_a_copy_of_a_scan_in_another_root_or_archive_is_charted_once(tmp_path: Path) -> None:
+    """Each day twice would halve what the scans seem to scatter, and have every scanner flagged."""
+    days = rows(tmp_path)[:60]
+    copies = [{**one, "root": "/backup"} for one in days]
+    alone, charts = summarize(days).charts, summarize([*days, *copies]).charts
+    assert [one.values.tolist() for one in charts] == [one.values.tolist() for one in alone]
+
+
 def test_a_cohort_without_series_has_a_page(tmp_path: Path) -> None:
     with Index(tmp_path) as index:
         write_page(index, tmp_path)
