@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 COLOR, QUIET, ALARM = "#2f6fb0", "#c8d2dc", "#b3261e"
 MOST_BARS = 15
+MOST_DAYS = 8
+"""Days that are written below a chart: more would run into each other."""
 MOST_POINTS = 20_000
 """Points of a scatter plot: of more, every so many."""
 
@@ -69,6 +71,7 @@ def scanners_plot(scanners: dict[str, list[float]]) -> bytes:
     axes.set_yticks(range(1, len(names) + 1), labels)
     axes.invert_yaxis()
     axes.set_xlabel("standard error of a scan's worst marker, um")
+    axes.ticklabel_format(axis="x", useOffset=False)
     return png(figure)
 
 
@@ -118,7 +121,7 @@ def chart_plot(chart: ControlChart) -> bytes:
     axes.scatter(numbers, chart.values, 14, color=np.where(chart.leaps, ALARM, COLOR))
     axes.plot(numbers, average, color=COLOR, linewidth=1.2)
     axes.plot(numbers[out], average[out], "o", markersize=3, color=ALARM)
-    shown = np.unique(np.linspace(0, len(numbers) - 1, 8).astype(int))
+    shown = numbers[:: -(-len(numbers) // MOST_DAYS)]
     axes.set_xticks(shown, [chart.days[n] for n in shown], fontsize=8)
     axes.set_ylabel(chart.quantity, fontsize=8)
     axes.set_title(
