@@ -7,6 +7,12 @@ from ronnaplan.node.config import Config, Rule
 from ronnaplan.node.index import Index, SeriesRow
 from ronnaplan.node.logs import Log
 
+UNRULED = """
+FROM series WHERE complete = revision
+AND NOT EXISTS (SELECT 1 FROM jobs WHERE series = series.id AND jobs.revision = series.revision AND state != 'outdated')
+"""
+"""Series that are complete and that nothing was done with: no rule fitted, or theirs was gone and no other one did."""
+
 
 def rule_for(series: SeriesRow, rules: tuple[Rule, ...]) -> Rule | None:
     """Return the first rule whose patterns all fit."""
@@ -14,10 +20,16 @@ def rule_for(series: SeriesRow, rules: tuple[Rule, ...]) -> Rule | None:
 
 
 class SeriesWatch:
-    """Makes one job of every complete series, and another one when late slices opened it again."""
+    """Makes one job of every complete series, and another one when late slices opened it again.
+
+    Rules may have changed since the last node ended: what none fitted and one fits now is opened at the beginning.
+    """
 
     def __init__(self, config: Config, index: Index, log: Log) -> None:
         self._config, self._index, self._log = config, index, log
+        for series in index.records(SeriesRow, UNRULED):
+            if rule_for(series, config.rule) is not None:
+                index.run("UPDATE series SET complete = 0 WHERE id = ?", series.id)
 
     def tick(self, now: float, listening_since: float = 0.0) -> None:
         """Note what is complete at ``now`` (both in seconds since 1970).
@@ -41,7 +53,8 @@ class SeriesWatch:
             if found and rule is not None:
                 self._index.run(
                     "INSERT INTO jobs (series, revision, rule, state, due, completed) VALUES (?, ?, ?, 'waiting', ?, ?)"
-                    " ON CONFLICT DO NOTHING",
+                    " ON CONFLICT DO UPDATE SET rule = excluded.rule, state = excluded.state, attempts = 0,"
+                    " due = excluded.due WHERE state = 'outdated'",
                     *(series.id, series.revision, rule.name, now, now),
                 )
         if found:

@@ -110,6 +110,25 @@ def test_a_series_that_no_rule_fits_is_complete_without_a_job(index: Index, tmp_
     assert series.complete == series.revision
 
 
+def test_a_series_that_no_rule_fitted_is_worked_on_once_one_does(index: Index, tmp_path: Path) -> None:
+    before, log = configuration(tmp_path, rule=[{**RULE, "station": "CT-1"}]), Log(io.StringIO())
+    watched = SeriesWatch(before, index, log)
+    add(index, 0, 100.0)
+    watched.tick(120.0)
+    SeriesWatch(before, index, log).tick(130.0)
+    assert jobs(index) == []
+    watch(index, tmp_path).tick(140.0)  # a node that was started again, with another rule
+    watch(index, tmp_path).tick(150.0)
+    assert jobs(index) == [(1, "waiting")]
+    index.run("UPDATE jobs SET state = 'outdated'")  # given out while its rule was gone
+    watch(index, tmp_path).tick(160.0)
+    assert jobs(index) == [(1, "waiting")]
+    for state in ("done", "refused", "failed"):
+        index.run("UPDATE jobs SET state = ?", state)
+        watch(index, tmp_path).tick(170.0)
+        assert jobs(index) == [(1, state)]
+
+
 @pytest.mark.parametrize(
     ("pattern", "fits"),
     [
