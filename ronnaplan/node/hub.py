@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sqlite3
 import threading
 import time
@@ -89,7 +90,7 @@ class Hub:
     """What one pass of the node does; time comes from outside, so that hours can be played in seconds."""
 
     def __init__(self, config_path: Path, config: Config, index: Index, log: Log, worker: str = WORKER) -> None:
-        self._path, self._data, self._log = config_path, config.data, log
+        self._path, self._data, self._index, self._log = config_path, config.data, index, log
         self._series = SeriesWatch(config, index, log)
         self._papers = PapersWatch(config, index, log)
         self._foreman = Foreman(config, index, log, worker)
@@ -97,9 +98,15 @@ class Hub:
         self._receiver_due = 0.0
         self._listens = threading.Event()
         self._listening_since: float | None = None
+        self._last = math.inf
 
     def tick(self, now: float) -> None:
         """Do what is due at ``now`` (seconds since 1970)."""
+        if now < self._last:  # the clock was set back, maybe before the node started
+            self._index.set_clock_back(now)
+            if self._listening_since is not None:
+                self._listening_since = min(self._listening_since, now)
+        self._last = now
         self._keep_receiver(now)
         if self._listening_since is not None:
             self._series.tick(now, self._listening_since)

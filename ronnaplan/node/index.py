@@ -8,11 +8,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from ronnaplan.jobs.database import Database
 from ronnaplan.node.facts import Facts
 
 FILE = "index.sqlite"
+LONGEST_WAIT_S: Final = 3600.0
+"""For so long at most anything is put off."""
 
 SCHEMA = """
 CREATE TABLE IF NOT EXISTS series (
@@ -137,6 +140,12 @@ class Index(Database):
             *(series_uid, instances, now),
         )
         self.run("UPDATE series SET expected = ? WHERE series_uid = ?", instances, series_uid)
+
+    def set_clock_back(self, now: float) -> None:
+        """Take nothing for later than ``now``, nor for put off longer than anything is: a clock ahead noted it."""
+        self.run("UPDATE series SET received = ? WHERE received > ?", now, now)
+        for table in ("jobs", "deliveries", "commitments"):
+            self.run(f"UPDATE {table} SET due = ? WHERE due > ?", now, now + LONGEST_WAIT_S)
 
     def open_series(self) -> list[SeriesRow]:
         """Return what is not complete, or was and got something new."""

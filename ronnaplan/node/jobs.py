@@ -12,7 +12,7 @@ from ronnaplan.jobs.processes import Child
 from ronnaplan.jobs.serving import BROKEN, DONE, REFUSED
 from ronnaplan.node.audit import CREATED, MINOR_FAILURE, READ, SERIOUS_FAILURE, SUCCESS, Audit, Instances
 from ronnaplan.node.config import Config
-from ronnaplan.node.index import Index, SeriesRow
+from ronnaplan.node.index import LONGEST_WAIT_S, Index, SeriesRow
 from ronnaplan.node.logs import Log
 from ronnaplan.node.retention import remove_unknown_answers
 from ronnaplan.node.series import rule_for
@@ -21,7 +21,6 @@ from ronnaplan.node.work import Order
 from ronnaplan.portable import GIVING_BACK
 
 ANSWERS = "answers"
-LONGEST_WAIT_S: Final = 3600.0
 RESTART_S: Final = 1.0
 """Wait before a worker takes the place of one that ended without having had a job."""
 

@@ -28,7 +28,7 @@ class PapersWatch:
 
     def tick(self, now: float) -> None:
         """Look, at most every `LOOK_S`, what is there at ``now`` (seconds since 1970)."""
-        if now < self._due:
+        if now < self._due <= now + LOOK_S:  # later than that by a clock that was ahead
             return
         self._due = now + LOOK_S
         for rule in self._config.rule:

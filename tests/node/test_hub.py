@@ -9,17 +9,20 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from ronnaplan.cli import main
 from ronnaplan.errors import InputError
-from ronnaplan.node.hub import run_node
+from ronnaplan.node import hub as hub_module
+from ronnaplan.node.hub import Hub, run_node
 from ronnaplan.node.index import FILE, Index
 from ronnaplan.node.logs import Log
 from tests.ct import makers
-from tests.node.peers import free_port, needs, save, send, until, write_toml
+from tests.node.peers import configuration, free_port, needs, save, send, until, write_toml
+from tests.node.test_series import add
 
 
 @needs("storescu")
@@ -81,3 +84,38 @@ def test_an_index_that_is_gone_or_damaged_is_told_and_costs_no_scan(tmp_path: Pa
     ):
         run_node(path, stop, Log(io.StringIO()))
     assert scan.read_bytes() == b"acknowledged"
+
+
+class Silent:
+    """A child process that only says that it listens."""
+
+    pid, status = 1, None
+
+    def __init__(self, module: str, arguments: list[str], line: Callable[[str], None], *_: object) -> None:
+        line(json.dumps({"event": "listening"}))
+
+    def end(self) -> None:
+        """There is nothing to end."""
+
+
+def test_a_clock_that_was_ahead_keeps_nothing_waiting_once_it_is_set_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hub_module, "Child", Silent)
+    config = configuration(tmp_path, quiet_s=10.0)
+    config.data.mkdir()
+    with Index(config.data) as index:
+        add(index, 0, 50_000.0)
+        index.run(
+            "INSERT INTO jobs (series, revision, rule, state, due, completed) VALUES (1, 0, 'r', '', 60000, 0)"
+        )
+        index.run(
+            "INSERT INTO jobs (series, revision, rule, state, due, completed) VALUES (1, 9, 'r', '', 3000, 0)"
+        )
+        hub = Hub(tmp_path / "node.toml", config, index, Log(io.StringIO()))
+        for now in (50_001.0, 50_009.0, 1000.0, 1009.0):
+            hub.tick(now)
+            assert index.rows("SELECT complete FROM series") == [(0,)]
+        hub.tick(1010.1)
+        assert index.rows("SELECT complete FROM series") == [(1,)]
+        assert index.rows("SELECT due FROM jobs ORDER BY due") == [(1000.0,), (3000.0,)]

@@ -22,10 +22,9 @@ from pydicom.dataset import FileDataset
 from ronnaplan.documents import dicom_spatial, files
 from ronnaplan.errors import UnwrittenError
 from ronnaplan.jobs.serving import _serve
-from ronnaplan.node import jobs as jobs_module
 from ronnaplan.node import work
 from ronnaplan.node.config import Rule
-from ronnaplan.node.index import Index
+from ronnaplan.node.index import LONGEST_WAIT_S, Index
 from ronnaplan.node.jobs import Foreman, retry, wait_s
 from ronnaplan.node.logs import Log
 from ronnaplan.node.work import Order
@@ -277,4 +276,4 @@ def test_a_worker_that_is_killed_amid_its_answers_makes_the_others_and_none_twic
 
 def test_waits_double_up_to_an_hour() -> None:
     assert [wait_s(n, 30.0) for n in (1, 2, 3)] == [30.0, 60.0, 120.0]
-    assert wait_s(50, 30.0) == jobs_module.LONGEST_WAIT_S
+    assert wait_s(50, 30.0) == LONGEST_WAIT_S
