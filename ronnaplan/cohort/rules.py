@@ -60,11 +60,7 @@ class Task:
     def __init__(self, rule: CohortRule, home: Path) -> None:
         from ronnaplan.documents.phantom_check import read_truth
         from ronnaplan.documents.template import read_template_document
-        from ronnaplan.localization import Build, check_request
 
-        marker = Build.parse(rule.marker)
-        if rule.diameters:
-            check_request(rule.diameters, rule.expected, marker)
         template = None if rule.template is None else read_template_document(home / rule.template)
         phantom = None if rule.phantom is None else read_truth(home / rule.phantom)
         self.rule = rule

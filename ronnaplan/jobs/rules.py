@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
-from typing import Annotated, ClassVar, TypeVar
+from typing import Annotated, ClassVar, Self, TypeVar
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from ronnaplan.documents.fields import DocumentModel, Label, Line, PositiveMm, told_by_reader
 from ronnaplan.localization import Build
@@ -34,6 +34,13 @@ class ScanRule(DocumentModel):
     marker: Annotated[Line, AfterValidator(_build)] = "solid"
     expected: Annotated[int, Field(ge=1, le=1000)] | None = None
     template: Line | None = None
+
+    @model_validator(mode="after")
+    def _check_walls(self) -> Self:
+        with told_by_reader():
+            for diameter_mm in self.diameters:
+                Build.parse(self.marker).require_hollow(diameter_mm)
+        return self
 
     def fits(self, texts: Mapping[str, str]) -> bool:
         """Whether all patterns fit the texts about a series."""

@@ -36,6 +36,14 @@ class Build:
             raise UsageError(f"the marker is '{text}'; expected solid, shell:WALL or wrapped:THICKNESS in mm")
         return cls(KINDS[kind] * layer_mm)
 
+    def require_hollow(self, diameter_mm: float) -> None:
+        """Raise `UsageError` where a marker of this diameter has no room for its wall."""
+        if self.wall_mm >= diameter_mm / 2:
+            raise UsageError(
+                f"the wall of {self.wall_mm:g} mm leaves nothing hollow in a marker of {diameter_mm:g} mm; check both, "
+                "or say 'solid'"
+            )
+
 
 SOLID = Build()
 

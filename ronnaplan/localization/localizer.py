@@ -205,11 +205,7 @@ def check_request(
     for diameter in diameters:
         if not (math.isfinite(diameter) and diameter > 0):
             raise UsageError(f"the marker diameter is {diameter}; a positive number of mm is needed")
-        if marker.wall_mm >= diameter / 2:
-            raise UsageError(
-                f"the wall of {marker.wall_mm:g} mm leaves nothing hollow in a marker of {diameter:g} mm; check both, "
-                "or say 'solid'"
-            )
+        marker.require_hollow(diameter)
     if expected is not None and (isinstance(expected, bool) or not isinstance(expected, Integral) or expected < 0):
         raise UsageError(f"{expected!r} markers were expected; a whole number from 0 upwards is needed")
     return diameters

@@ -39,6 +39,10 @@ def test_the_example_is_a_configuration_that_listens_on_this_machine_only(tmp_pa
         ("[[peer]]\nname = 'a'\ntls = true", "asks for TLS"),
         ("[[peer]]\nname = 'a'\nurl = 'ftp://x'", "http"),
         ("[[rule]]\nname = 'a'\nmarker = 'cube'", "rule.0.marker: the marker is 'cube'; expected solid"),
+        (
+            "[[rule]]\nname = 'a'\ndiameters = [11.5]\nmarker = 'shell:6'",
+            "rule.0: the wall of 6 mm leaves nothing hollow",
+        ),
         ("port = 4242\npage_port = 4242", "page_port: 4242 is the port that peers send to"),
         ("port = 2020-01-01", r"\(port: Input should be a valid integer\)"),
         ("[[rule]]\nname = 2020-01-01", r"\(rule.0.name: Input should be a valid string\)"),
