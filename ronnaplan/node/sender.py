@@ -86,6 +86,7 @@ class Sender(threading.Thread):
         )
         if not due:
             return
+        self._count_attempt(index, due)
         sent: dict[tuple[str, str], Instances] = {}
         waiting = list(due)
         try:
@@ -114,6 +115,14 @@ class Sender(threading.Thread):
                 destination=self._peer.title,
                 peer_address=address,
                 failure=failure,
+            )
+
+    def _count_attempt(self, index: Index, due: list[Delivery]) -> None:
+        """Count an attempt before anything is sent: what cannot be noted would be sent again and again."""
+        with index.transaction():
+            index.run_many(
+                "UPDATE deliveries SET attempts = attempts + 1 WHERE answer = ? AND receiver = ?",
+                [(one.answer, self._peer.name) for one in due],
             )
 
     def _ask(self, index: Index, channel: Channel, taken: list[Named], now: float) -> None:
@@ -176,8 +185,7 @@ class Sender(threading.Thread):
 
     def _done(self, index: Index, one: Delivery, now: float, sent: dict[tuple[str, str], Instances]) -> None:
         index.run(
-            "UPDATE deliveries SET state = 'sent', attempts = attempts + 1, reason = '', sent = ?"
-            " WHERE answer = ? AND receiver = ?",
+            "UPDATE deliveries SET state = 'sent', reason = '', sent = ? WHERE answer = ? AND receiver = ?",
             *(now, one.answer, self._peer.name),
         )
         self._note(one, "", sent)
@@ -188,7 +196,7 @@ class Sender(threading.Thread):
     ) -> None:
         wait = wait_s(one.attempts + 1, self._config.jobs.retry_s)
         index.run(
-            "UPDATE deliveries SET attempts = attempts + 1, due = ?, reason = ? WHERE answer = ? AND receiver = ?",
+            "UPDATE deliveries SET due = ?, reason = ? WHERE answer = ? AND receiver = ?",
             *(now + wait, printable(reason), one.answer, self._peer.name),
         )
         self._note(one, reason, sent)

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import io
 import shutil
+import sqlite3
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import repeat
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pydicom import dcmread
@@ -108,29 +111,55 @@ def test_an_answer_waits_for_its_receiver_and_goes_encrypted_to_the_right_one_on
             assert len(list(got.iterdir())) == (told == "sent")
 
 
+@contextmanager
+def archive(port: int, statuses: Iterator[int]) -> Iterator[list[str]]:
+    """Answer each instance with the next status; give the instances that came."""
+    set_up_pynetdicom()
+    entity = AE("ARCHIVE")
+    entity.supported_contexts = StoragePresentationContexts
+    came: list[str] = []
+
+    def store(event: Any) -> int:
+        came.append(str(event.request.AffectedSOPInstanceUID))
+        return next(statuses)
+
+    server = entity.start_server(("127.0.0.1", port), block=False, evt_handlers=[(evt.EVT_C_STORE, store)])
+    assert server is not None
+    try:
+        yield came
+    finally:
+        server.shutdown()
+
+
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_an_answer_that_its_receiver_warns_of_or_has_already_is_not_sent_again(tmp_path: Path) -> None:
     port, statuses = free_port(), [0xA700, 0xC001, 0x0117, 0xB123, 0x0107, 0x0111]
     config = configuration(tmp_path, peer=[{"name": "archive", "port": port}])
     config.data.mkdir()
-    set_up_pynetdicom()
-    entity = AE("ARCHIVE")
-    entity.supported_contexts = StoragePresentationContexts
-    answers = iter(statuses)
-    server = entity.start_server(
-        ("127.0.0.1", port), block=False, evt_handlers=[(evt.EVT_C_STORE, lambda _: next(answers))]
-    )
-    assert server is not None
-    try:
-        with Index(config.data) as index:
-            waiting_answer(config, index)
-            found = []
-            for _ in statuses:
-                index.run("UPDATE deliveries SET state = 'waiting', due = 0")
-                found.append(delivered(config, index, 2.0))
-    finally:
-        server.shutdown()
+    with archive(port, iter(statuses)), Index(config.data) as index:
+        waiting_answer(config, index)
+        found = []
+        for _ in statuses:
+            index.run("UPDATE deliveries SET state = 'waiting', due = 0")
+            found.append(delivered(config, index, 2.0))
     assert found == [f"waiting archive answered {one:04X}; expected 0000" for one in statuses[:3]] + ["sent"] * 3
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_nothing_is_sent_that_could_not_be_noted(tmp_path: Path) -> None:
+    """On a full disk an answer went to its receiver every second, until there was room."""
+    port = free_port()
+    config = configuration(tmp_path, peer=[{"name": "archive", "port": port}])
+    config.data.mkdir()
+    with archive(port, repeat(0)) as came, Index(config.data) as index:
+        waiting_answer(config, index)
+        index.run("PRAGMA query_only = ON")
+        with pytest.raises(sqlite3.Error):
+            delivered(config, index, 2.0)
+        assert came == []
+        index.run("PRAGMA query_only = OFF")
+        assert delivered(config, index, 2.0) == "sent"
+        assert len(came) == 1
 
 
 @needs("storescp")
