@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -149,6 +150,11 @@ class Surroundings:
     def doubts(self) -> tuple[str, ...]:
         """Why all that is judged here should be doubted, a sentence each: the scan, the markers, the registration."""
         return (*scan_doubts(self.terrain.volume), *self.expected.remarks)
+
+    def prepare(self) -> None:
+        """Find head and obstacles, which takes seconds in a large scan; why there are none is told where they count."""
+        with suppress(RonnaplanError):
+            _ = self.obstacles
 
     def judge(self, trajectory: Trajectory, plan: Plan, *, rough: bool = False) -> Judgement:
         """Measure ``trajectory`` and hold it against the limits; ``rough``: as quickly as it can be done."""

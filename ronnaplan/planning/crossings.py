@@ -21,6 +21,10 @@ LAYER_SHARE = 0.5
 """Share of the layers beside a surface that is fitted with it: the rest belongs to their far sides."""
 
 
+MOST_KEPT = 1000
+"""Rays whose crossings are kept: those of a large plan, and an end's way while it is dragged for a minute or two."""
+
+
 @dataclass(frozen=True, eq=False)
 class Crossings:
     """What a ray from inside the head meets on its way out; a surface that is not there is None.
@@ -36,6 +40,16 @@ class Crossings:
 
 def find_crossings(head: Head, start_mm: FloatArray, outward: FloatArray) -> Crossings:
     """Measure the surfaces along the ray from ``start_mm`` (3,), in the head, along unit ``outward`` (3,)."""
+    ray = (*start_mm.tolist(), *outward.tolist())
+    known: Crossings | None = head.met.get(ray)
+    if known is None:
+        known = head.met[ray] = _crossings(head, start_mm, outward)
+        if len(head.met) > MOST_KEPT:
+            head.met.popitem(last=False)
+    return known
+
+
+def _crossings(head: Head, start_mm: FloatArray, outward: FloatArray) -> Crossings:
     way, scalp, outer, inner = way_out(head.scan, head.inside, head.cell, start_mm, outward)
     if way is not Way.OPEN:
         return Crossings(way)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import OrderedDict
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,13 +33,15 @@ class Head:
     """A scanned head, ready to be measured along paths.
 
     ``inside`` (K, J', I') tells which coarse cells (``cell`` voxels wide and high) belong to the head, its air
-    spaces included.
+    spaces included. ``met`` keeps what `find_crossings` measured last, by ray: an end that is set is checked, and the
+    path to it judged, by one measurement.
     """
 
     volume: CTVolume
     scan: SliceSampler
     inside: NDArray[np.bool_]
     cell: int
+    met: OrderedDict[tuple[float, ...], Any] = field(default_factory=OrderedDict, repr=False)
 
     @classmethod
     def of(cls, volume: CTVolume) -> Head:

@@ -5,13 +5,11 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
-from ronnaplan.planning import Head, measures
-from ronnaplan.planning.crossings import find_crossings
+from ronnaplan.planning import Head
 from ronnaplan.planning.obstacles import metal
 from ronnaplan.report import path_part
 from tests import cases
@@ -25,9 +23,7 @@ def one_scan(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ronnaplan.ct.read_ct", lambda *_, **__: volume)
     monkeypatch.setattr(Head, "of", lambda _: head)
     monkeypatch.setattr(path_part, "path_picture", lambda *_: b"")
-    fitted = cache(lambda *ends: find_crossings(head, np.array(ends[:3]), np.array(ends[3:])))
     monkeypatch.setattr("ronnaplan.case.surroundings.metal", cache(metal))
-    monkeypatch.setattr(measures, "find_crossings", lambda _, target, outward: fitted(*target, *outward))
 
 
 @pytest.fixture

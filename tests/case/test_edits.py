@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,8 @@ from ronnaplan.documents.plan import change_plan, read_plan, write_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import FrameMismatchError, InputError, UnwrittenError
 from ronnaplan.planner.state import PlannerState
-from ronnaplan.planning import Plan
+from ronnaplan.planning import Plan, crossings
+from ronnaplan.planning.layers import way_out
 from tests import cases
 from tests.planner.conftest import reopened
 
@@ -46,6 +48,23 @@ def test_changes_of_plan_and_markers_are_taken_back_in_their_order(state: Planne
     for expected in reversed(seen):
         state.case.redo()
         assert (labels(state)[:2], x_mm(state) - T[0]) == expected
+
+
+def test_what_a_new_end_is_checked_by_is_measured_once(
+    state: PlannerState, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked: list[float] = []
+
+    def counting(*arguments: Any) -> Any:
+        looked.append(arguments[3][0])
+        return way_out(*arguments)
+
+    monkeypatch.setattr(crossings, "way_out", counting)
+    state.case.edit("left", target_mm=T + np.array([1, 0, 0]))
+    assert state.case.judge(state.case.plan.trajectory("left")).measures is not None
+    state.case.rename_marker("F1", "nose")  # all is judged anew
+    assert state.case.judge(state.case.plan.trajectory("left")).measures is not None
+    assert looked == [T[0] + 1]
 
 
 def test_a_renamed_marker_keeps_its_registration_there_and_back(state: PlannerState) -> None:

@@ -10,6 +10,10 @@ import pytest
 
 from ronnaplan.planner import judging
 from ronnaplan.planner.judging import Judging
+from ronnaplan.planner.state import PlannerState
+from ronnaplan.planner.storage import Storage
+from ronnaplan.planning import Head
+from tests import cases
 from tests.loops import run
 
 
@@ -24,7 +28,7 @@ def test_nothing_is_measured_before_the_first_look_and_all_again_after_a_change(
             measured.append(f"{path.name} against {name}")
             case.surroundings = then or case.surroundings
 
-        return SimpleNamespace(judge=judge)
+        return SimpleNamespace(judge=judge, prepare=lambda: measured.append(f"prepared {name}"))
 
     plan = SimpleNamespace(trajectories=(SimpleNamespace(name="plan"),))
     case: Any = SimpleNamespace(plan=plan, surroundings=against("head", then=against("head and markers")))
@@ -40,13 +44,18 @@ def test_nothing_is_measured_before_the_first_look_and_all_again_after_a_change(
         assert own.is_done()
         own.soon()
         await own.begin()
-        assert measured == ["plan against head", "plan against head and markers"]
+        assert measured == [
+            "prepared head",
+            "plan against head",
+            "prepared head and markers",
+            "plan against head and markers",
+        ]
         case.surroundings = against("another")
         assert not own.is_done()
         done.clear()
         own.soon()
         await done.wait()
-        assert measured[2:] == ["plan against another"]
+        assert measured[4:] == ["prepared another", "plan against another"]
 
     run(look())
 
@@ -63,7 +72,7 @@ def test_what_is_looked_at_is_measured_and_told_first(monkeypatch: pytest.Monkey
 
     looked_at = {"C", None}
     plan = SimpleNamespace(trajectories=tuple(SimpleNamespace(name=name) for name in "ABCDE"))
-    case: Any = SimpleNamespace(plan=plan, surroundings=SimpleNamespace(judge=judge))
+    case: Any = SimpleNamespace(plan=plan, surroundings=SimpleNamespace(judge=judge, prepare=lambda: None))
 
     async def look() -> None:
         own = Judging(case, lambda: happened.append("told"), lambda: set(looked_at))
@@ -73,3 +82,20 @@ def test_what_is_looked_at_is_measured_and_told_first(monkeypatch: pytest.Monkey
 
     run(look())
     assert happened[:8] == ["C", "told", "A", "D", "told", "B", "E", "told"]
+
+
+def test_the_head_is_found_before_the_first_target_is_clicked(
+    storage: Storage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(judging, "FIRST_LOOK_S", 0.0)
+    storage.plan.unlink()
+    state = PlannerState(cases.volume(), storage)
+
+    async def look() -> None:
+        done = asyncio.Event()
+        await Judging(state.case, done.set, tuple).begin()
+        await done.wait()
+
+    run(look())
+    monkeypatch.setattr(Head, "of", None)
+    state.add_trajectory(cases.ENTRY_MM, cases.TARGET_MM)

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
+from ronnaplan.ct import CTVolume
 from ronnaplan.minimize import minimize
-from ronnaplan.planning import patch, surface
+from ronnaplan.planning import patch, surface, voxels
 from ronnaplan.planning.crossings import find_crossings
+from ronnaplan.planning.head import Head
+from ronnaplan.planning.voxels import LEAST_MM3
 from tests.planning.heads import paths, scanned
+
+
+def looked_at_anew(stack: str) -> Head:
+    """The layered head, of which nothing is known yet."""
+    return replace(scanned(stack), met=OrderedDict())
 
 
 def test_the_normal_equations_are_the_derivatives_of_the_misfit() -> None:
@@ -67,9 +77,9 @@ def test_a_fit_ends_when_nothing_is_gained(monkeypatch: pytest.MonkeyPatch) -> N
 
     monkeypatch.setattr(surface, "_solve", counted)
     monkeypatch.setattr(surface, "normal_equations", counting)
-    for stack in ("plain", "tilted"):
+    for head in (looked_at_anew("plain"), looked_at_anew("tilted")):
         for target, outward in paths(15, seed=4):
-            find_crossings(scanned(stack), target, outward)
+            find_crossings(head, target, outward)
     assert len(counts) > 100
     assert sum(count > surface.MOST_STEPS / 2 for count in counts) <= 0.02 * len(counts)
 
@@ -86,9 +96,45 @@ def test_where_too_little_tells_how_a_surface_bends_it_is_met_without_a_fit(
         return replace(found, curvature=np.zeros_like(found.curvature))
 
     monkeypatch.setattr(surface, "minimize", flat)
-    met = find_crossings(scanned("plain"), target, outward)
+    met = find_crossings(looked_at_anew("plain"), target, outward)
     assert fitted.scalp is not None
     assert met.scalp is not None
     assert fitted.scalp.clear
     assert not met.scalp.clear
     assert met.scalp.reach_mm == pytest.approx(fitted.scalp.reach_mm, abs=3.0)
+
+
+def test_a_surface_in_fine_voxels_is_met_where_all_of_them_have_it_from_a_few(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Voxels of 0.25 mm: a shell of bone about water, blurred and noisy, met by a slanting ray."""
+    size, radius, blur = 0.25, 40.0, 0.6
+    along = size * np.arange(-60.0, 61.0)
+    z, y, x = np.meshgrid(along + 25.0, along + 24.0, along + 20.0, indexing="ij")
+    depth = radius - np.sqrt(x**2 + y**2 + z**2)
+    noise = np.random.default_rng(7).normal(0.0, 40.0, depth.shape)
+    affine = np.array([[0, 0, size, x.min()], [0, size, 0, y.min()], [size, 0, 0, z.min()], [0, 0, 0, 1.0]])
+    volume = CTVolume.from_array((-1000.0 + 1040.0 * ndtr(depth / blur) + noise).round().astype(int), affine)
+    outward = np.array([20.0, 24.0, 25.0]) / np.sqrt(20.0**2 + 24.0**2 + 25.0**2)
+    counts: list[int] = []
+    equations = patch.normal_equations
+
+    def counting(terms: Any, c: Any, *arguments: Any) -> Any:
+        counts.append(len(c))
+        return equations(terms, c, *arguments)
+
+    monkeypatch.setattr(surface, "normal_equations", counting)
+
+    def met() -> tuple[surface.Surface, int]:
+        counts.clear()
+        found = surface.fit_crossing(volume, np.zeros(3), outward, radius + 0.3, limits_hu=(-1024.0, 120.0))
+        return found, max(counts)
+
+    few, fewest = met()
+    monkeypatch.setattr(voxels, "LEAST_MM3", 0.0)
+    whole, most = met()
+    assert fewest < np.pi * surface.PATCH_RADIUS_MM**2 * 2 * surface.HALF_DEPTH_MM / LEAST_MM3 < most
+    assert few.clear
+    assert abs(few.reach_mm - radius) < 3 * few.sd_mm
+    assert abs(few.reach_mm - whole.reach_mm) < 3 * few.sd_mm < 0.05
+    assert few.normal == pytest.approx(outward, abs=2e-3)
