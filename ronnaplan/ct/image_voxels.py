@@ -14,8 +14,8 @@ import numpy as np
 from ronnaplan.bounds import LARGEST_HU
 from ronnaplan.ct.files import DamagedError, open_regular
 from ronnaplan.ct.image_header import ImageHeader, StoredVoxels
-from ronnaplan.ct.limits import are_hu
-from ronnaplan.ct.pixels import INT16, Voxels
+from ronnaplan.ct.limits import are_hu, fit_int16
+from ronnaplan.ct.pixels import Voxels
 
 _ZLIB_OR_GZIP: Final = 32 + zlib.MAX_WBITS
 _READ_AT_ONCE_BYTES: Final = 1 << 20
@@ -47,7 +47,7 @@ def _filled(header: ImageHeader, stream: BinaryIO, k_flips: bool) -> Voxels:
         if len(content) < rows * columns * header.dtype.itemsize:
             raise EOFError
         plane = _hu(np.frombuffer(content, header.dtype).reshape(rows, columns), header)
-        if voxels.dtype == np.int16 and not _fits_int16(plane):
+        if voxels.dtype == np.int16 and not fit_int16(plane):
             voxels = voxels.astype(np.float32)
         with np.errstate(over="ignore"):
             voxels[k] = plane
@@ -63,14 +63,6 @@ def _hu(stored: Any, header: ImageHeader) -> Any:
         return stored
     with np.errstate(over="ignore", invalid="ignore"):
         return stored.astype(np.float64) * header.slope + header.intercept
-
-
-def _fits_int16(plane: Any) -> bool:
-    if plane.dtype.kind == "i" and plane.dtype.itemsize <= INT16.dtype.itemsize:
-        return True
-    if not (INT16.min <= plane.min() and plane.max() <= INT16.max):
-        return False
-    return bool(plane.dtype.kind in "iu" or (plane == np.rint(plane)).all())
 
 
 @contextmanager

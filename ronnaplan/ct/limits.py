@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 MIB = 1 << 20
 GIB = 1 << 30
+INT16_BITS = 16
 
 
 @dataclass(frozen=True)
@@ -41,3 +42,13 @@ DEFAULT_LIMITS = Limits()
 def are_hu(values: NDArray[Any]) -> bool:
     """Return whether ``values`` are finite numbers that a scanner's scale holds."""
     return bool((abs(values) <= LARGEST_HU).all())
+
+
+def fit_int16(values: NDArray[Any]) -> bool:
+    """Return whether ``values`` are whole numbers, all of which an int16 holds."""
+    if values.dtype.kind == "i" and values.dtype.itemsize <= INT16_BITS // 8:
+        return True
+    most = 1 << INT16_BITS - 1
+    if not (-most <= values.min() and values.max() < most):
+        return False
+    return bool(values.dtype.kind in "iu" or (values == values.round()).all())

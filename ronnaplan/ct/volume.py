@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.identity import ScanIdentity
+from ronnaplan.ct.limits import fit_int16
 from ronnaplan.ct.scratch import one_by_one
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.geometry import FloatArray, Frame, as_point, as_points
@@ -235,8 +236,12 @@ class CTVolume(Gridded):
 
     @cached_property
     def voxel_sha256(self) -> str:
-        """SHA-256 of the voxel values in (slice, row, column) order: ties a result to its scan."""
+        """SHA-256 of the voxel values in (slice, row, column) order: ties a result to its scan.
+
+        Whole values that int16 holds are taken as such, as where they were read, whatever the array's own type.
+        """
+        whole = all(fit_int16(plane) for plane in one_by_one(self.voxels_hu))
         digest = hashlib.sha256()
         for plane in one_by_one(self.voxels_hu):
-            digest.update(np.ascontiguousarray(plane).data)
+            digest.update(np.ascontiguousarray(plane, "<i2" if whole else "<f4").data)
         return digest.hexdigest()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -61,6 +62,18 @@ def test_a_maps_picture_has_the_place_the_points_and_round_figures() -> None:
 def test_a_scan_names_its_flags_in_its_line() -> None:
     scan = CTVolume.from_array(np.zeros((6, 7, 8), np.int16), np.eye(4))
     assert repr(replace(scan, flags=(VolumeFlag.DERIVED,))).endswith(" mm, derived)")
+
+
+@pytest.mark.parametrize("kind", ["<i2", ">i2", "i4", "f4", ">f4", "f8", "F"])
+def test_the_same_values_are_the_same_scan_in_any_array(kind: str) -> None:
+    values = np.random.default_rng(3).integers(-1024, 3072, (4, 5, 6)).astype(np.int16)
+    scan = CTVolume.from_array(values, np.eye(4)[[2, 1, 0, 3]])
+    assert scan.voxel_sha256 == sha256(values.astype("<i2").tobytes()).hexdigest()
+    held = np.asfortranarray(values) if kind == "F" else values.astype(kind)
+    assert replace(scan, voxels_hu=held).voxel_sha256 == scan.voxel_sha256
+    parts = values.astype("f4")
+    parts[3, 4, 5] += 0.25
+    assert replace(scan, voxels_hu=parts).voxel_sha256 == sha256(parts.astype("<f4").tobytes()).hexdigest()
 
 
 def test_voxels_that_are_cubes_are_told() -> None:
