@@ -154,6 +154,31 @@ def test_long_work_is_shown_cancelled_and_holds_nothing_up(page: Any) -> None:
     page.wait_for_selector("#news", state="detached")
 
 
+def test_the_panels_are_reached_at_once_and_long_work_leaves_the_focus_where_it_is(page: Any) -> None:
+    skip = page.locator("button, a, input").nth(1)
+    above = skip.bounding_box()
+    skip.focus()
+    assert above["y"] < 0 < skip.bounding_box()["y"]  # it is seen while it has the focus
+    page.keyboard.press("Enter")
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.matches('.rp-tab')")
+    page.click(".rp-tab >> text=Markers")
+    page.locator("#localize-diameter").focus()
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#work >> text=looking for balls of 11.5 mm")
+    page.click("#work >> text=cancel")
+    eventually(page, lambda: not value(page, "work")["what"])
+    button = page.locator("#markers .rp-btn")
+    button.focus()
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#work >> text=looking for balls of 11.5 mm")
+    page.wait_for_timeout(300)
+    assert button.is_disabled()
+    assert button.evaluate("button => button === document.activeElement")
+    page.evaluate("window.trame.trigger('cancel')")
+    eventually(page, lambda: not value(page, "work")["what"])
+
+
 def test_a_layout_shows_fewer_views_larger_and_names_stay_where_they_belong(page: Any) -> None:
     page.click(".rp-bar .rp-btn >> text=3-D")
     page.wait_for_selector("svg[data-view=inline]", state="hidden")

@@ -221,6 +221,8 @@
   window.addEventListener("click", (event) => {
     if (!event.target.closest) return;
     if (event.target.closest("[data-help]")) help();
+    const skip = event.target.closest("[data-skip]");
+    if (skip) document.getElementById(skip.dataset.skip).focus();
     const grown = event.target.closest("[data-grow]")?.closest(".rp-view");
     if (!grown) return;
     const large = grown.classList.toggle("grown");
