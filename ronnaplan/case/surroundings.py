@@ -158,10 +158,17 @@ class Surroundings:
 
     def judge(self, trajectory: Trajectory, plan: Plan, *, rough: bool = False) -> Judgement:
         """Measure ``trajectory`` and hold it against the limits; ``rough``: as quickly as it can be done."""
-        measured = self._kept(trajectory, plan, rough)
-        if isinstance(measured, RonnaplanError):
-            return Judgement(problem=str(measured))
-        measured = replace(measured, spacings=spacings(trajectory, plan.trajectories))
+        known = self._kept(trajectory, plan, rough)
+        beside, judged = known.judged
+        if beside is not plan:
+            judged = self._held_against_limits(known, plan)
+            known.judged = plan, judged  # at once, for others may be judged in another thread
+        return judged
+
+    def _held_against_limits(self, known: _Measured, plan: Plan) -> Judgement:
+        if isinstance(known.result, RonnaplanError):
+            return Judgement(problem=str(known.result))
+        measured = replace(known.result, spacings=spacings(known.trajectory, plan.trajectories))
         try:
             return Judgement(measured, judge(measured, self.rules.limits))
         except RonnaplanError as error:  # a limit on what is not known here
@@ -212,13 +219,13 @@ class Surroundings:
         entries = [one.entry_mm for one in plan.trajectories]
         return place_markers(scalp_sites(self.head), targets, count, stated, entries, progress=progress)
 
-    def _kept(self, trajectory: Trajectory, plan: Plan, rough: bool) -> Measures | RonnaplanError:
+    def _kept(self, trajectory: Trajectory, plan: Plan, rough: bool) -> _Measured:
         """Return what does not depend on the other trajectories, measured anew only if something else changed."""
         known = self._measured.get(trajectory.name)
         if known is None or not known.serves(trajectory, plan, rough):
             known = _Measured(trajectory, plan.landmarks, rough, self._measure(trajectory, plan, rough))
             self._measured[trajectory.name] = known
-        return known.result
+        return known
 
     def _measure(self, trajectory: Trajectory, plan: Plan, rough: bool) -> Measures | RonnaplanError:
         try:
@@ -236,14 +243,15 @@ class Surroundings:
             return error
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class _Measured:
-    """What was measured last of a trajectory, and of what."""
+    """What was measured last of a trajectory, and of what; and how it was ``judged``, beside the others of a plan."""
 
     trajectory: Trajectory
     landmarks: Landmarks | None
     rough: bool
     result: Measures | RonnaplanError
+    judged: tuple[Plan | None, Judgement] = (None, Judgement())
 
     def serves(self, trajectory: Trajectory, plan: Plan, rough: bool) -> bool:
         """Whether it still holds, and is fine enough."""

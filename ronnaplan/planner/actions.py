@@ -17,6 +17,7 @@ from ronnaplan.planner.opening import SIDES
 from ronnaplan.planner.pixels import Pixel
 from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.state import PlannerState
+from ronnaplan.planning.angles import acpc_from_lps, lps_from_acpc
 from ronnaplan.text import LONGEST_NUMBER, plain_number, printable, whole_number
 
 MIDDLE, RIGHT = 1, 2
@@ -87,6 +88,8 @@ class Actions:
             "remove": state.case.remove,
             "rename_path": state.case.rename,
             "place": self._place,
+            "place_acpc": self._place_acpc,
+            "show_end": self._show_end,
             "colour": self._colour,
             "notes": self._notes,
             "instrument": state.case.choose_instrument,
@@ -159,13 +162,20 @@ class Actions:
 
     def _place(self, name: str, end: Literal["entry", "target"], axis: Literal[0, 1, 2], value: Typed) -> None:
         """Take one coordinate of an end from its field, or all three where they are typed into it."""
-        place = getattr(self.state.case.plan.trajectory(name), f"{end}_mm").copy()
-        parts = _parts(value)
-        if len(parts) == len(place):
-            place[:] = [_number(part) for part in parts]
-        else:
-            place[axis] = _number(value)
+        place = _entered(getattr(self.state.case.plan.trajectory(name), f"{end}_mm"), axis, value)
         self.state.case.edit(name, **{f"{end}_mm": place})
+
+    def _place_acpc(self, name: str, axis: Literal[0, 1, 2], value: Typed) -> None:
+        """Take the target's way right, anterior or superior of the mid-commissural point from its field, or all."""
+        landmarks = self.state.case.plan.landmarks
+        if landmarks is None:
+            raise UsageError("AC, PC and a point of the midline are not all set; set them first")
+        place = _entered(acpc_from_lps(landmarks, self.state.case.plan.trajectory(name).target_mm), axis, value)
+        self.state.case.edit(name, target_mm=lps_from_acpc(landmarks, place))
+
+    def _show_end(self, name: str, end: Literal["entry", "target"]) -> None:
+        """Put the crosshair at an end of a trajectory."""
+        self.state.look.show(getattr(self.state.case.plan.trajectory(name), f"{end}_mm"))
 
     def _colour(self, name: str, colour: str) -> None:
         self.state.case.edit(name, colour=colour.lower())
@@ -230,6 +240,16 @@ def _number(value: Typed) -> float:
             f"'{printable(value, LONGEST_NUMBER)}' is not a number; write one such as 12.5, with a point"
         )
     return number
+
+
+def _entered(place_mm: FloatArray, axis: int, value: Typed) -> FloatArray:
+    """Return a place (3,) with one coordinate as it was typed, or all three where they were typed together."""
+    parts = _parts(value)
+    if len(parts) == len(place_mm):
+        return np.array([_number(part) for part in parts])
+    place = place_mm.copy()
+    place[axis] = _number(value)
+    return place
 
 
 def _numbers(typed: str) -> FloatArray:

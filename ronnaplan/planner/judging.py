@@ -43,12 +43,17 @@ class Judging:
             self.soon()
 
     def soon(self) -> None:
-        """Measure anew what is to be measured, if it has begun and is not under way."""
-        if self._begun and self._task is None and not self.is_done():
+        """Measure anew what is to be measured, if it has begun and is not under way; what is dragged is followed."""
+        if self._begun and self._task is None and self._is_left() and not self.case.dragging:
             self._task = asyncio.get_running_loop().create_task(self._measure())
 
+    def _is_left(self) -> bool:
+        """Whether a trajectory is not measured yet: one that came back by undo, say, or is another hand's."""
+        around, plan = self.case.surroundings, self.case.plan
+        return not (self.is_done() and all(around.knows(one, plan) for one in plan.trajectories))
+
     async def _measure(self) -> None:
-        while not self.is_done():
+        while self._is_left() and not self.case.dragging:
             around = self.case.surroundings
             if await self._measured_all(around):
                 self._against = around

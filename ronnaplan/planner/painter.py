@@ -91,6 +91,7 @@ class Painter:
         """Draw whatever is not as the page has it; pictures only where their plane or window changed."""
         self.refresh_views()
         state = self.state
+        self.refresh_measures(state.case.plan)
         self.shown.update(
             {
                 "markers": panels.marker_rows(state),
@@ -109,7 +110,6 @@ class Painter:
                 "documents": list(state.storage.found),
             }
         )
-        self.refresh_measures(state.case.plan)
 
     def refresh_measures(self, plan: Plan) -> None:
         """Tell the measures of a ``plan``, and draw it in 3-D: while an end is dragged, that of just before."""

@@ -13,6 +13,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fiducials import FiducialFlag
 from ronnaplan.planner.following import told
 from ronnaplan.planner.state import LANDMARKS, PlannerState
+from ronnaplan.planning.angles import acpc_from_lps
 from ronnaplan.planning.electrodes import NO_ELECTRODE
 from ronnaplan.planning.limits import Verdict, is_near
 from ronnaplan.planning.proposals import Proposal
@@ -48,7 +49,8 @@ def rejected_rows(state: PlannerState) -> list[dict[str, Any]]:
 
 
 def path_rows(state: PlannerState) -> list[dict[str, Any]]:
-    """Return one row a trajectory."""
+    """Return one row a trajectory; its verdict is empty until it was measured, and while it is dragged."""
+    around, plan = state.case.surroundings, state.case.plan
     return [
         {
             "name": one.name,
@@ -56,9 +58,23 @@ def path_rows(state: PlannerState) -> list[dict[str, Any]]:
             "locked": one.locked,
             "selected": one.name == state.look.selected,
             "length": f"{one.length_mm:.1f}",
+            "verdict": _in_a_word(around.judge(one, plan)) if around.knows(one, plan) else ("", ""),
         }
-        for one in state.case.plan.trajectories
+        for one in plan.trajectories
     ]
+
+
+def _in_a_word(judged: Judgement) -> tuple[str, str]:
+    """Return what a list of trajectories says of one, and which of the outcomes that looks like."""
+    fail, near, kept = OUTCOMES
+    if judged.problem:
+        return "not judged", fail
+    if judged.broken:
+        return f"breaks {len(judged.broken)}", fail
+    if judged.doubts:
+        return "doubted", near
+    outcomes = {_outcome(one) for one in judged.verdicts}
+    return (near, near) if near in outcomes else ("kept", kept)
 
 
 def chosen_path(state: PlannerState, judged: Judgement | None) -> dict[str, Any]:
@@ -66,6 +82,7 @@ def chosen_path(state: PlannerState, judged: Judgement | None) -> dict[str, Any]
     one = state.look.chosen
     if one is None or judged is None:
         return {"name": "", "measures": [], "errors": [], "verdicts": []}
+    landmarks = state.case.plan.landmarks
     return {
         "name": one.name,
         "locked": one.locked,
@@ -77,6 +94,7 @@ def chosen_path(state: PlannerState, judged: Judgement | None) -> dict[str, Any]
         "notes": one.notes,
         "entry": one.entry_mm.round(3).tolist(),
         "target": one.target_mm.round(3).tolist(),
+        "acpc": [] if landmarks is None else acpc_from_lps(landmarks, one.target_mm).round(3).tolist(),
         "problem": judged.problem,
         "spoken": "" if state.case.dragging else _spoken(one.name, judged),
         "doubts": [*state.case.surroundings.doubts, *judged.doubts],

@@ -55,14 +55,30 @@ def acpc_axes(landmarks: Landmarks) -> FloatArray:
 
 def acpc_angles(landmarks: Landmarks, entry_mm: FloatArray, target_mm: FloatArray) -> AcPcAngles:
     """Return the angles of the path from ``target_mm`` (3,) out to ``entry_mm`` (3,)."""
-    axes = acpc_axes(landmarks)
-    right, anterior, superior = axes @ (np.asarray(entry_mm) - target_mm)
-    place = axes @ (np.asarray(target_mm) - (landmarks.ac_mm + landmarks.pc_mm) / 2)
+    right, anterior, superior = acpc_axes(landmarks) @ (np.asarray(entry_mm) - target_mm)
+    place = acpc_from_lps(landmarks, target_mm)
     return AcPcAngles(
         float(np.degrees(np.arctan2(superior, anterior))),
         float(np.degrees(np.arctan2(right, superior))),
         (float(place[0]), float(place[1]), float(place[2])),
     )
+
+
+def acpc_from_lps(landmarks: Landmarks, place_mm: FloatArray) -> FloatArray:
+    """Return how far right, anterior and superior (3,) of the mid-commissural point an LPS place (3,) lies."""
+    place: FloatArray = acpc_axes(landmarks) @ (np.asarray(place_mm) - _middle_mm(landmarks))
+    return place
+
+
+def lps_from_acpc(landmarks: Landmarks, place_mm: FloatArray) -> FloatArray:
+    """Return the LPS place (3,) that lies so far right, anterior and superior (3,) of the mid-commissural point."""
+    place: FloatArray = acpc_axes(landmarks).T @ np.asarray(place_mm) + _middle_mm(landmarks)
+    return place
+
+
+def _middle_mm(landmarks: Landmarks) -> FloatArray:
+    middle: FloatArray = (landmarks.ac_mm + landmarks.pc_mm) / 2
+    return middle
 
 
 def arc_angles(entry_mm: FloatArray, target_mm: FloatArray, axes: FloatArray = RAS_IN_LPS) -> ArcAngles:

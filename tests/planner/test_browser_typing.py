@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ronnaplan.case.surroundings import Judgement
 from ronnaplan.documents.plan import change_plan, read_plan
 from ronnaplan.errors import UsageError
 from ronnaplan.planner.actions import Actions
+from ronnaplan.planner.panels import chosen_path
 from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.state import PlannerState
 from tests import cases
-from tests.planner.browser import Planner, eventually, fields, needs_browser, opened, value
+from tests.planner.browser import Planner, crosshair, eventually, fields, needs_browser, opened, value
 
 FOCUSED = "document.activeElement.id"
 
@@ -109,6 +111,42 @@ def test_places_are_typed_in_several_ways(state: PlannerState, typed: str) -> No
     assert state.case.plan.trajectory("left").target_mm.tolist() == [11.5, 6.0, 21.0]
     actions["landmark"]("AC", typed)
     assert state.landmarks_mm["AC"].tolist() == [11.5, 6.0, 21.0]
+
+
+def test_a_target_is_typed_from_the_mid_commissural_point(state: PlannerState) -> None:
+    actions, middle = Actions(state, Pointer(state)).by_name(), np.array([0.5, 2.0, 22.0])
+    with pytest.raises(UsageError, match="set them first"):
+        actions["place_acpc"]("left", 0, "-11")
+    for name, off in {"AC": (0.0, -12.0, 0.0), "PC": (0.0, 12.0, 0.0), "midline": (0.0, 0.0, 40.0)}.items():
+        state.set_landmark(name, middle + off)
+    actions["place_acpc"]("left", 2, "-11, -3, -4")  # left, behind and below it
+    assert state.case.plan.trajectory("left").target_mm == pytest.approx(middle + np.array([11.0, 3.0, -4.0]))
+    actions["place_acpc"]("left", 0, "-12.5")
+    assert state.case.plan.trajectory("left").target_mm == pytest.approx(middle + np.array([12.5, 3.0, -4.0]))
+    state.look.select("left")
+    assert chosen_path(state, Judgement())["acpc"] == [-12.5, -3.0, -4.0]
+    actions["show_end"]("left", "entry")
+    assert state.look.crosshair_mm.tolist() == cases.ENTRY_MM.tolist()
+    actions["show_end"]("left", "target")
+    assert state.look.crosshair_mm == pytest.approx(middle + np.array([12.5, 3.0, -4.0]))
+
+
+@needs_browser
+def test_its_fields_stand_there_once_the_three_points_are_set(page: Any, kept: Planner) -> None:
+    name = read_plan(kept.folder / "plan.json").trajectories[0].name
+    assert page.locator("#acpc-right").count() == 0
+    for point, at in {"AC": "0, -12, 10", "PC": "0, 12, 10", "midline": "0, 0, 50"}.items():
+        page.fill(f"#landmark-{point}", at)
+        page.press(f"#landmark-{point}", "Enter")
+        page.wait_for_function(f"document.getElementById('landmark-{point}').defaultValue")
+    enter(page, "#acpc-right", "-9.5, -2, 8")
+    assert page.evaluate(FOCUSED) == "acpc-right"
+    eventually(page, lambda: fields(page, "target") == [9.5, 2.0, 18.0])
+    page.click("button[title='Show the target']")
+    eventually(page, lambda: crosshair(kept.folder) == [9.5, 2.0, 18.0])
+    assert name in page.inner_text("#paths .rp-row.on")
+    eventually(page, lambda: value(page, "paths")[0]["verdict"][0] in page.inner_text("#paths .rp-row.on"))
+    assert value(page, "paths")[0]["verdict"][0]
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -25,13 +26,17 @@ def test_nothing_is_measured_before_the_first_look_and_all_again_after_a_change(
 
     def against(name: str, then: Any = None) -> Any:
         def judge(path: Any, _: Any) -> None:
+            known.append(path)
             measured.append(f"{path.name} against {name}")
             case.surroundings = then or case.surroundings
 
-        return SimpleNamespace(judge=judge, prepare=lambda: measured.append(f"prepared {name}"))
+        known: list[Any] = []
+        prepare = partial(measured.append, f"prepared {name}")
+        return SimpleNamespace(judge=judge, prepare=prepare, knows=lambda path, _: path in known)
 
     plan = SimpleNamespace(trajectories=(SimpleNamespace(name="plan"),))
-    case: Any = SimpleNamespace(plan=plan, surroundings=against("head", then=against("head and markers")))
+    around = against("head", then=against("head and markers"))
+    case: Any = SimpleNamespace(plan=plan, dragging=False, surroundings=around)
 
     async def look() -> None:
         done = asyncio.Event()
@@ -56,6 +61,16 @@ def test_nothing_is_measured_before_the_first_look_and_all_again_after_a_change(
         own.soon()
         await done.wait()
         assert measured[4:] == ["prepared another", "plan against another"]
+        case.plan = SimpleNamespace(trajectories=(*plan.trajectories, SimpleNamespace(name="another hand's")))
+        case.dragging = True
+        own.soon()
+        await asyncio.sleep(0.01)
+        assert len(measured) == 6  # what is dragged is followed instead
+        case.dragging = False
+        done.clear()
+        own.soon()
+        await done.wait()
+        assert measured[-1] == "another hand's against another"
 
     run(look())
 
@@ -66,13 +81,16 @@ def test_what_is_looked_at_is_measured_and_told_first(monkeypatch: pytest.Monkey
     happened: list[str] = []
 
     def judge(path: Any, _: Any) -> None:
+        known.append(path)
         happened.append(path.name)
         if path.name == "A":
             looked_at.add("D")
 
+    known: list[Any] = []
     looked_at = {"C", None}
     plan = SimpleNamespace(trajectories=tuple(SimpleNamespace(name=name) for name in "ABCDE"))
-    case: Any = SimpleNamespace(plan=plan, surroundings=SimpleNamespace(judge=judge, prepare=lambda: None))
+    around = SimpleNamespace(judge=judge, prepare=lambda: None, knows=lambda path, _: path in known)
+    case: Any = SimpleNamespace(plan=plan, dragging=False, surroundings=around)
 
     async def look() -> None:
         own = Judging(case, lambda: happened.append("told"), lambda: set(looked_at))

@@ -13,7 +13,7 @@ from ronnaplan.case.surroundings import Judgement, Rules
 from ronnaplan.documents.plan import read_plan, write_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import FrameMismatchError, InputError, RefusedError, UsageError
-from ronnaplan.planner.panels import chosen_path, landmark_rows
+from ronnaplan.planner.panels import chosen_path, landmark_rows, path_rows
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
 from ronnaplan.planning import Limits
@@ -89,6 +89,28 @@ def test_the_measures_follow_the_trajectory_and_limits_are_held_against_it(stora
     ]
     state.case.drag("left", "entry", E + np.array([0, 0, 20]))
     assert "lies in air" in state.case.judge(state.case.plan.trajectory("left")).problem
+
+
+def test_the_list_of_trajectories_says_how_each_was_judged_once_it_is(storage: Storage) -> None:
+    limits = Limits(longest_path_mm=100.0, least_trajectory_distance_mm=5.0)
+    state = PlannerState(cases.volume(), storage, Rules(limits))
+    across, up = np.eye(3)[[0, 2]]
+
+    def told() -> list[str]:
+        return [row["verdict"][0] for row in path_rows(state)]
+
+    assert told() == [""]
+    state.case.surroundings.judge_all(state.case.plan)
+    assert told() == ["kept"]
+    state.add_trajectory(E + (T - E) * 0.4, T)
+    assert told() == ["breaks 1", ""]  # they meet at the target
+    state.case.surroundings.judge_all(state.case.plan)
+    assert told() == ["breaks 1", "breaks 1"]
+    state.case.edit("T1", target_mm=T - 20.0 * across, entry_mm=T - 20.0 * across + 30.0 * up)
+    state.case.surroundings.judge_all(state.case.plan)
+    assert told() == ["kept", "doubted"]  # deep beneath the scalp
+    state.case.drag("left", "target", T + (T - E) / 10)
+    assert told()[0] == ""
 
 
 def test_a_no_go_region_on_the_path_is_a_broken_limit(storage: Storage) -> None:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from ronnaplan.errors import InputError
 from ronnaplan.planning import Landmarks
-from ronnaplan.planning.angles import RAS_IN_LPS, acpc_angles, arc_angles
+from ronnaplan.planning.angles import RAS_IN_LPS, acpc_angles, acpc_from_lps, arc_angles, lps_from_acpc
 
 SQUARE = Landmarks(np.array([0.0, -12.5, 0]), np.array([0.0, 12.5, 0]), np.array([0.0, 5, 50]))
 
@@ -51,12 +51,15 @@ def test_ac_pc_angles_turn_with_the_head(seed: int) -> None:
     turn = Rotation.from_rotvec(generator.uniform(-0.7, 0.7, 3)).as_matrix()
     shift = generator.uniform(-50, 50, 3)
     entry, target = generator.uniform(-30, 30, (2, 3))
-    points = (turn @ place + shift for place in (SQUARE.ac_mm, SQUARE.pc_mm, SQUARE.midline_mm))
+    turned = Landmarks(*(turn @ place + shift for place in (SQUARE.ac_mm, SQUARE.pc_mm, SQUARE.midline_mm)))
     before = acpc_angles(SQUARE, entry, target)
-    after = acpc_angles(Landmarks(*points), turn @ entry + shift, turn @ target + shift)
+    after = acpc_angles(turned, turn @ entry + shift, turn @ target + shift)
     assert after.sagittal_deg == pytest.approx(before.sagittal_deg, abs=1e-6)
     assert after.coronal_deg == pytest.approx(before.coronal_deg, abs=1e-6)
     assert after.target_mm == pytest.approx(before.target_mm, abs=1e-9)
+    place = lps_from_acpc(turned, np.array([-11.0, -3.0, -4.0]))  # left, behind and below the middle
+    assert place == pytest.approx(turn @ [11.0, 3.0, -4.0] + shift, abs=1e-9)
+    assert acpc_from_lps(turned, place) == pytest.approx([-11.0, -3.0, -4.0], abs=1e-9)
 
 
 def test_landmarks_on_a_line_are_refused() -> None:
