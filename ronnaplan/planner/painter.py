@@ -113,7 +113,7 @@ class Painter:
 
     def refresh_measures(self, plan: Plan) -> None:
         """Tell the measures of a ``plan``, and draw it in 3-D: while an end is dragged, that of just before."""
-        state, judged = self.state, Judgement(problem="measuring ...")
+        state, judged = self.state, Judgement(problem=panels.MEASURING)
         chosen = next((one for one in plan.trajectories if one.name == state.look.selected), None)
         if chosen is not None and (self.measured() or state.case.surroundings.knows(chosen, plan)):
             judged = state.case.judge(chosen)

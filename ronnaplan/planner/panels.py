@@ -25,6 +25,9 @@ MOST_RIVALS = 4
 OUTCOMES = ("FAIL", "near", "pass")
 """Of a limit: what is looked at first."""
 
+MEASURING = "measuring ..."
+"""Stands for what is wrong with a trajectory until that is known."""
+
 SAME_NATS = 0.05
 """Pairings whose log evidence differs by less are shown as equally probable."""
 
@@ -96,6 +99,7 @@ def chosen_path(state: PlannerState, judged: Judgement | None) -> dict[str, Any]
         "target": one.target_mm.round(3).tolist(),
         "acpc": [] if landmarks is None else acpc_from_lps(landmarks, one.target_mm).round(3).tolist(),
         "problem": judged.problem,
+        "measuring": judged.problem == MEASURING,
         "spoken": "" if state.case.dragging else _spoken(one.name, judged),
         "doubts": [*state.case.surroundings.doubts, *judged.doubts],
         "measures": shape_rows(judged.measures) if judged.measures else [],

@@ -46,6 +46,8 @@ def test_a_trajectory_that_is_measured_is_told_of_while_others_still_are_measure
     tab = Tab(state, lambda _: None, measured=lambda: False)
     tab.painter.refresh()
     assert tab.shown["chosen"]["problem"] == "measuring ..."
+    assert tab.shown["chosen"]["measuring"]  # which looks like no fault
     state.case.judge(state.case.plan.trajectories[0])
     tab.painter.refresh()
+    assert not tab.shown["chosen"]["measuring"]
     assert (tab.shown["chosen"]["problem"], tab.shown["chosen"]["measures"][0][0]) == ("", "length")
