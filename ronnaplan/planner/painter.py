@@ -101,6 +101,7 @@ class Painter:
                 "regions": region_rows(state.look.regions),
                 "rulers": ruler_rows(state),
                 "landmarks": panels.landmark_rows(state),
+                "robot": panels.robot_doubts(state),
                 "registration": panels.registration_panel(state),
                 "pointing": panels.pointing_panel(state),
                 "followed": panels.following_panel(state),

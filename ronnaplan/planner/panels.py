@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ronnaplan.case.placed import placement_doubts
 from ronnaplan.case.surroundings import Judgement
 from ronnaplan.documents.registration import LabelPair, RegistrationDocument
 from ronnaplan.geometry import FloatArray
@@ -210,6 +211,12 @@ def place_line(state: PlannerState, place_mm: FloatArray) -> str:
     known = "outside the scan" if np.isnan(value) else f"{value:.0f} HU"
     x, y, z = place_mm
     return f"{known}   LPS {x:.1f}, {y:.1f}, {z:.1f}   RAS {-x:.1f}, {-y:.1f}, {z:.1f}"
+
+
+def robot_doubts(state: PlannerState) -> list[str]:
+    """Return what the robot's place in the case does not hold for, or what blocks it, a sentence each."""
+    case = state.case
+    return [] if case.placement is None else placement_doubts(case.placement, case.plan, case.fiducials)
 
 
 def landmark_rows(state: PlannerState) -> list[dict[str, Any]]:

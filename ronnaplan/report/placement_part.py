@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ronnaplan.case.folder import Case
+from ronnaplan.case.placed import placement_doubts
 from ronnaplan.documents.placement import PlaceEntry, PlacementDocument
 from ronnaplan.planning.rows import number
 from ronnaplan.report.html import element, picture, table
@@ -28,8 +29,9 @@ def placement_part(case: Case, seen: View | None = None) -> Part:
     found = case.placement
     if found is None:
         return Part(TITLE)
+    doubts = placement_doubts(found, case.plan or (), case.fiducials)
     if not found.robot_from_ct:
-        return Part(TITLE, [], [f"no place of the robot serves all: {sentence}" for sentence in found.blocked])
+        return Part(TITLE, [], doubts)
     best = found.robot_from_ct[0]
     tasks = [
         (
@@ -50,7 +52,7 @@ def placement_part(case: Case, seen: View | None = None) -> Part:
             "p", f"order: {', '.join(best.route.order)}; joints turn by {best.route.travel_deg:.0f} degrees in all"
         ),
     ]
-    return Part(TITLE, body, _warnings(case, found, best))
+    return Part(TITLE, body, doubts)
 
 
 def _drawn(found: PlacementDocument, seen: View | None) -> list[str]:
@@ -83,33 +85,3 @@ def _rests_on(found: PlacementDocument) -> str:
     return (
         f"{told}; parked within {found.parking.sigma_mm:g} mm and {found.parking.sigma_deg:g} degrees (one sigma)"
     )
-
-
-def _warnings(case: Case, found: PlacementDocument, best: PlaceEntry) -> list[str]:
-    """Return what the placement does not cover.
-
-    What was not looked at, tasks without a free way, what comes near on the robot itself, and trajectories and
-    markers that it does not know as they are.
-    """
-    told = [f"the robot's place: {note}" for note in found.notes]
-    told += [f"the robot has no free way to {name}" for name in best.route.stuck]
-    told += [f"on the robot, {sentence}" for sentence in best.near]
-    changed = [f"trajectory {name}" for name in found.not_known(case.plan or ())] + [
-        f"marker {label}" for label in _found_anew(case, found, best)
-    ]
-    return told + [
-        f"nothing says that the robot's place serves {what} as it is now; run 'robot place' again"
-        for what in changed
-    ]
-
-
-def _found_anew(case: Case, found: PlacementDocument, best: PlaceEntry) -> list[str]:
-    """Return the labels of markers that the placement does not know where they are; none where it serves no markers."""
-    if case.fiducials is None or all(one.kind != "marker" for one in best.tasks):
-        return []
-    known = {one.label: one for one in found.markers}
-    return [
-        one.label
-        for one in case.fiducials.fiducials
-        if one.label not in known or not known[one.label].is_at(one.center)
-    ]

@@ -12,10 +12,12 @@ import pytest
 from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import InputError
 from ronnaplan.planner.opening import cube
+from ronnaplan.planner.panels import robot_doubts
 from ronnaplan.planner.regions import Region
 from ronnaplan.planner.scene import Scene
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
+from ronnaplan.planner.tab import Tab
 from ronnaplan.planning.electrodes import ELECTRODES
 from ronnaplan.scene.camera import Camera
 from ronnaplan.scene.shapes import ball
@@ -99,6 +101,29 @@ def test_only_what_is_left_of_an_opened_head_is_picked(scene: Scene) -> None:
     assert ((whole - look.crosshair_mm) * [-1, -1, 1] > 20).all()
     assert np.abs(opened - look.crosshair_mm).max() < 6
     assert ((opened - look.crosshair_mm) * [-1, -1, 1]).min() == pytest.approx(0.0, abs=0.5)
+
+
+def test_what_the_robot_s_place_does_not_hold_for_is_told(tmp_path: Path) -> None:
+    cases.write_case(tmp_path)
+    (tmp_path / "placement.json").write_text(to_json(document()))
+    state = PlannerState(cases.volume(), Storage.of(str(tmp_path / "plan.json"), None, None))
+    tab = Tab(state)
+    tab.refresh()
+    as_placed = tab.shown["robot"]
+    assert not any("trajectory" in one for one in as_placed)
+    state.case.edit("left", target_mm=cases.TARGET_MM + 1.0)
+    tab.refresh()
+    assert tab.shown["robot"] == [
+        *as_placed,
+        "nothing says that the robot's place serves trajectory left as it is now; run 'robot place' again",
+    ]
+    blocked = document(robot_from_ct=(), status="blocked", blocked=("joint 5 is beyond its limit",))
+    (tmp_path / "placement.json").write_text(to_json(blocked))
+    state.case.look_again()
+    tab.refresh()
+    assert tab.shown["robot"] == ["no place of the robot serves all: joint 5 is beyond its limit"]
+    (tmp_path / "placement.json").unlink()
+    assert robot_doubts(PlannerState(cases.volume(), state.storage)) == []
 
 
 def test_the_robot_is_shown_where_its_placement_lies_beside_the_plan(tmp_path: Path) -> None:
