@@ -22,6 +22,12 @@ NEIGHBORS = np.ones((3, 3), dtype=bool)
 """A pixel with those that touch it; samples are taken only of pixels where these are not all alike."""
 
 
+SAMPLES, STRIDE = 13, 8
+LATTICE = np.array([np.arange(SAMPLES), STRIDE * np.arange(SAMPLES)]) / SAMPLES
+"""Where in a pixel it is sampled, each pixel's shifted at random and around: with the same places in all, an edge along
+a row of them would leap where it passes it, and a board's corners with it by up to a tenth of a pixel."""
+
+
 def distort(x: FloatArray, y: FloatArray, d: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return where the lens puts points at ``x``, ``y`` of the plane at unit distance."""
     k1, k2, p1, p2, k3 = d
@@ -153,7 +159,6 @@ def board_image(
         image[row : row + BAND] = grey(rays[row : row + BAND])
     edge = np.nonzero(maximum_filter(image, 5) != minimum_filter(image, 5))  # no other pixel meets one
     v, u = np.array(edge, dtype=np.float64)
-    image[edge] = np.mean(
-        [grey(pixel_rays(u + du, v + dv, K, d)) for dv in (-0.25, 0.25) for du in (-0.25, 0.25)], axis=0
-    )
+    du, dv = (LATTICE[:, :, None] + rng.uniform(size=(2, 1, len(u)))) % 1 - 0.5
+    image[edge] = np.mean([grey(pixel_rays(u + du[k], v + dv[k], K, d)) for k in range(SAMPLES)], axis=0)
     return np.clip(gaussian_filter(image, 0.8) + rng.normal(size=size) * 1.5, 0, 255).astype(np.uint8)

@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.revision import write_document
     from ronnaplan.documents.rig import read_rig, rig_document
     from ronnaplan.pose import Pose
-    from ronnaplan.robot.camera import RIG, StereoRig
+    from ronnaplan.robot.camera import RIG
     from ronnaplan.robot.chain import TCP
     from ronnaplan.robot.images import read_pairs
     from ronnaplan.robot.markers import in_rig
@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
         corners=arguments.corners,
         square_mm=arguments.square,
     )
-    unplaced = StereoRig(cameras.left, cameras.right, Pose.exact(np.eye(4), TCP, RIG))
+    unplaced = cameras.rig(Pose.exact(np.eye(4), TCP, RIG))
     spheres = in_rig(looks, unplaced, diameter_mm=arguments.diameter)
     require_size(spheres, unplaced, arguments.diameter)
     tcp = calibrate_tcp(poses, [sphere.position_mm for sphere in spheres])
@@ -64,10 +64,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 def corners(text: str) -> tuple[int, int]:
     """Return the inner corners of a chessboard (columns, rows) as in ``9x7``."""
+    from ronnaplan.robot.board import FEWEST_CORNERS, MOST_CORNERS
     from ronnaplan.text import whole_number
 
     counts = [whole_number(part) for part in text.lower().split("x")]
-    if len(counts) != 2 or any(count is None or not 3 <= count <= 100 for count in counts):
+    if len(counts) != 2 or any(count is None or not FEWEST_CORNERS <= count <= MOST_CORNERS for count in counts):
         raise argparse.ArgumentTypeError(
             f"'{text}' are no corners of a board; expected columns and rows as in 9x7"
         )

@@ -26,7 +26,8 @@ from ronnaplan.documents.fields import (
 from ronnaplan.documents.poses import SAME_POSE_MM, PoseEntry, pose_entry
 from ronnaplan.documents.reading import made, read_document
 from ronnaplan.pose import as_pose
-from ronnaplan.robot.camera import RIG, Camera, StereoRig
+from ronnaplan.robot.board import FEWEST_BOARDS, FEWEST_CORNERS, MOST_CORNERS
+from ronnaplan.robot.camera import RIG, Boards, Camera, StereoRig
 from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.markers import RobotMarkers
 from ronnaplan.robot.stereo_calibration import StereoCalibration, TcpCalibration
@@ -35,6 +36,9 @@ LARGEST_LENS = 1e6
 """No camera has so many pixels, and no lens such a distortion."""
 LensNumber = Annotated[float, Field(ge=-LARGEST_LENS, le=LARGEST_LENS)]
 Pixels = Annotated[int, Field(ge=1, le=1 << 16)]
+PositivePixels = Annotated[float, Field(gt=0, le=LARGEST_LENS)]
+MOST_BOARDS = 10_000
+Corners = Annotated[int, Field(ge=FEWEST_CORNERS, le=MOST_CORNERS)]
 LensRow = tuple[LensNumber, LensNumber, LensNumber]
 Distortion = tuple[LensNumber, LensNumber, LensNumber, LensNumber, LensNumber]
 
@@ -48,9 +52,6 @@ class CameraEntry(DocumentModel):
     rig_from_camera: Matrix4
     size: tuple[Pixels, Pixels] | None = None
     """Columns and rows of its images; not told by versions up to 0.2."""
-    reach: tuple[Ratio, Ratio, Ratio, Ratio] | None = None
-    """How far out boards were seen in the left, right, upper and lower half of its images, of the way from their middle
-    to their corners; not told by versions up to 0.2, whose spheres are measured anywhere."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -61,7 +62,33 @@ class CameraEntry(DocumentModel):
     def camera(self) -> Camera:
         """Return the camera."""
         place = as_pose(self.rig_from_camera, "rig_from_camera")
-        return Camera(np.array(self.matrix), np.array(self.distortion), place, self.size, self.reach)
+        return Camera(np.array(self.matrix), np.array(self.distortion), place, self.size)
+
+
+class BoardsEntry(DocumentModel):
+    """The boards that the cameras were calibrated on: from where they were follows how well the cameras are known."""
+
+    corners: tuple[Corners, Corners]
+    """Columns and rows of inner corners."""
+    square: PositiveMm
+    """Side of the squares."""
+    rig_from_board: tuple[Matrix4, ...] = Field(min_length=FEWEST_BOARDS, max_length=MOST_BOARDS)
+    """Each board's first corner is at its origin."""
+    error_px: PositivePixels
+    """Standard deviation per axis of a corner's place in an image."""
+    lens_px: Ratio
+    """By so much (RMS per axis) the lenses may bend otherwise than the cameras' model has it."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        with told_by_reader():
+            self.boards()
+        return self
+
+    def boards(self) -> Boards:
+        """Return the boards."""
+        places = np.array([as_pose(place, "rig_from_board") for place in self.rig_from_board])
+        return Boards(self.corners, self.square, places, self.error_px, self.lens_px)
 
 
 class RigDocument(DocumentModel):
@@ -82,13 +109,26 @@ class RigDocument(DocumentModel):
     looks: Annotated[int, Field(ge=1)]
     diameter_mm: PositiveMm
     """Of the resting sphere."""
+    calibrated_on: BoardsEntry | None = None
+    """Not told by versions up to 0.2, whose cameras are taken for true."""
     notes: tuple[Line, ...] = ()
     software: Software
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.calibrated_on is not None and len(self.calibrated_on.rig_from_board) != self.boards:
+            raise ValueError(
+                f"tells of {self.boards} boards, but where {len(self.calibrated_on.rig_from_board)} of them were"
+            )
+        with told_by_reader():
+            _ = self.rig
+        return self
 
     @property
     def rig(self) -> StereoRig:
         """The cameras on the robot."""
-        return StereoRig(self.left.camera(), self.right.camera(), self.tcp_from_rig.pose(TCP, RIG))
+        boards = None if self.calibrated_on is None else self.calibrated_on.boards()
+        return StereoRig(self.left.camera(), self.right.camera(), self.tcp_from_rig.pose(TCP, RIG), boards)
 
 
 class SphereEntry(DocumentModel):
@@ -150,6 +190,13 @@ def rig_document(
             "right": _camera(cameras.right),
             "rms_px": cameras.rms_px,
             "boards": cameras.boards_used,
+            "calibrated_on": {
+                "corners": cameras.boards.corners,
+                "square": cameras.boards.square_mm,
+                "rig_from_board": cameras.boards.rig_from_board.tolist(),
+                "error_px": cameras.boards.error_px,
+                "lens_px": cameras.boards.lens_px,
+            },
             "tcp_from_rig": pose_entry(tcp.tcp_from_rig),
             "scatter": tcp.sd_mm,
             "looks": looks,
@@ -206,5 +253,4 @@ def _camera(camera: Camera) -> dict[str, object]:
         "distortion": camera.distortion.tolist(),
         "rig_from_camera": camera.rig_from_camera.tolist(),
         "size": camera.size_px,
-        "reach": camera.reach,
     }

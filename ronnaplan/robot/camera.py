@@ -15,8 +15,6 @@ RIG = Frame("RIG")
 """The stereo pair's own frame: that of its left camera (x right, y down, z forward), mm."""
 SMALLEST_FOCAL_PX = 1.0
 """With a shorter focal length all that there is would be in one pixel."""
-HALVES = ("left", "right", "upper", "lower")
-"""Of an image: in each is told how far out boards were seen."""
 UNDISTORTION_STEPS = 100
 UNDISTORTED = 1e-10
 """Undistortion stops when no point moves by more on the plane at unit distance."""
@@ -32,9 +30,6 @@ class Camera:
     """(4, 4), mm."""
     size_px: tuple[int, int] | None = None
     """Columns and rows of the images that it was calibrated on; others are cropped or scaled, and not of it."""
-    reach: tuple[float, ...] | None = None
-    """How far out boards were seen (4,) in each of the image's `HALVES`, as `farthest` counts; how the lens bends what
-    lies farther out there is extrapolated."""
 
     def __post_init__(self) -> None:
         if self.matrix.shape != (3, 3) or not np.isfinite(self.matrix).all() or self._too_short:
@@ -43,10 +38,6 @@ class Camera:
                 f"{SMALLEST_FOCAL_PX:g} pixel or more"
             )
         as_pose(self.rig_from_camera, "rig_from_camera")
-        if self.reach is not None and self.size_px is None:
-            raise InputError(
-                "a camera has a reach, but no size; expected the size of its images that it is a part of"
-            )
 
     @property
     def focal_px(self) -> float:
@@ -69,13 +60,6 @@ class Camera:
             raise InputError(
                 f"an image of {told} pixels is not of this camera, which was calibrated on {own}; do not crop or scale"
             )
-
-    def beyond_boards(self, pixels: ArrayLike) -> int | None:
-        """Return the number of that of the `HALVES` in which ``pixels`` (N, 2) are farthest beyond all boards."""
-        if self.reach is None or self.size_px is None:
-            return None
-        beyond = np.subtract(farthest(pixels, self.size_px), self.reach)
-        return int(beyond.argmax()) if beyond.max() > 0 else None
 
     def pixels(self, rays: ArrayLike) -> FloatArray:
         """Return the pixels (N, 2) that look along ``rays`` (N, 3), of any length, in the camera's own frame."""
@@ -105,16 +89,23 @@ class Camera:
         return directions
 
 
-def farthest(pixels: ArrayLike, size_px: tuple[int, int]) -> tuple[float, ...]:
-    """Return how far from the middle of images of ``size_px`` (columns, rows) ``pixels`` (N, 2) are in each half (4,).
+@dataclass(frozen=True, eq=False)
+class Boards:
+    """The chessboards that cameras were calibrated on, from which follows how well the cameras are known where."""
 
-    A corner is 1 away, and 0 is told of a half that has none of them.
-    """
-    middle = (np.array(size_px) - 1) / 2.0
-    off = np.asarray(pixels) - middle
-    away = np.linalg.norm(off, axis=1) / np.linalg.norm(middle)
-    x, y = off.T
-    return tuple(float(away[half].max(initial=0.0)) for half in (x < 0, x >= 0, y < 0, y >= 0))
+    corners: tuple[int, int]
+    """Columns and rows of inner corners."""
+    square_mm: float
+    rig_from_board: FloatArray
+    """(N, 4, 4): where each board was, its first corner at its origin, x along its rows."""
+    error_px: float
+    """Standard deviation per axis of a corner's place in an image."""
+    lens_px: float
+    """By so much (RMS per axis) the lenses may bend otherwise than the cameras' model has it."""
+
+    def __post_init__(self) -> None:
+        for place in self.rig_from_board:
+            as_pose(place, "rig_from_board")
 
 
 @dataclass(frozen=True)
@@ -124,3 +115,9 @@ class StereoRig:
     left: Camera
     right: Camera
     tcp_from_rig: Pose
+    boards: Boards | None = None
+    """None where it is not told: then the cameras are taken for true."""
+
+    def __post_init__(self) -> None:
+        if self.boards is not None and None in (self.left.size_px, self.right.size_px):
+            raise InputError("cameras were calibrated on boards, but have no size; expected that of their images")

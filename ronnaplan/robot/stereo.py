@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TypeVar
@@ -12,7 +11,8 @@ import numpy as np
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, Points
 from ronnaplan.pose import Pose
-from ronnaplan.robot.camera import HALVES, RIG, Camera, StereoRig, farthest
+from ronnaplan.robot.calibration_errors import errors_of
+from ronnaplan.robot.camera import RIG, Camera, StereoRig
 from ronnaplan.robot.chain import TCP, to_frame
 from ronnaplan.robot.circles import Image
 from ronnaplan.robot.lights import fit, in_each_light, weighed
@@ -42,7 +42,10 @@ class StereoSphere:
     position_mm: FloatArray
     """Center (3,) in the rig's frame."""
     covariance_mm2: FloatArray
-    """Covariance (3, 3): what the outlines' noise makes of it. The rig's calibration error is not in it."""
+    """Covariance (3, 3): what the outlines' noise and the cameras' calibration make of it."""
+    calibration_mm2: FloatArray
+    """What of it (3, 3) is the cameras' calibration; alike for spheres that are seen at like places. Zero where the rig
+    does not tell what it was calibrated on. The error of ``tcp_from_rig`` is in neither."""
     gap_mm: float
     """How far the two lines of sight pass from each other."""
     left: Outline
@@ -75,10 +78,10 @@ def locate_sphere(
     """Return the one sphere of ``diameter_mm`` that both images (rows, columns; grey) show.
 
     Outlines are paired when their lines of sight meet and both have the size of such a sphere there. Raises
-    `InputError` if no pair does and `RefusedError` if more than one does, if its outline is farther out in an image
-    than the calibration's boards were, if the images are not linear in the light, or if the center is not known to
-    ``largest_mm`` (RMS). Where the limb is as dark as the ground its place depends on where the lamps are: well beside
-    the lenses, or about them and off them by ``lamp_sd_deg``, as seen from the sphere.
+    `InputError` if no pair does and `RefusedError` if more than one does, if the images are not linear in the light, or
+    if the center is not known to ``largest_mm`` (RMS), by the images and by the cameras' calibration. Where the limb is
+    as dark as the ground its place depends on where the lamps are: well beside the lenses, or about them and off them
+    by ``lamp_sd_deg``, as seen from the sphere.
     """
     if not (np.isfinite(diameter_mm) and diameter_mm > 0):
         raise InputError(f"a sphere diameter of {diameter_mm} mm was given; expected one above zero")
@@ -95,55 +98,33 @@ def locate_sphere(
     found = [one for one in met if max(map(abs, one.size_errors(rig, diameter_mm))) <= SIZE_TOLERANCE]
     if not found:
         counts = f"{len(lefts)} outlines left, {len(rights)} right"
-        why = _beyond_boards(seen, (lefts, rights), rig) or _other_size(met, rig, diameter_mm)
-        why = why or _advice(lefts, rights, bool(meeting[0]))
+        why = _other_size(met, rig, diameter_mm) or _advice(lefts, rights, bool(meeting[0]))
         raise InputError(f"no sphere of {diameter_mm:g} mm is seen by both cameras ({counts}){why}")
     if len(found) > 1:
         raise RefusedError(f"{len(found)} spheres of {diameter_mm:g} mm are seen by both cameras; expected one")
-    _require_within_boards(found[0], rig)
     require_linear((left, right), (rig.left, rig.right), (found[0].left, found[0].right))
-    stated_mm = float(np.sqrt(np.trace(found[0].covariance_mm2)))
-    if not stated_mm <= largest_mm:
-        raise RefusedError(
-            f"the sphere's center is known to {stated_mm:.4f} mm only; expected {largest_mm:g} mm or less: "
-            "light the sphere evenly, brighter than what is behind it but not brighter than pixels get, let it rest in "
-            "focus, or move the cameras closer"
-        )
+    _require_known(found[0], largest_mm)
     return found[0]
 
 
-def _require_within_boards(sphere: StereoSphere, rig: StereoRig) -> None:
-    """Raise `RefusedError` where the outline of ``sphere`` is farther out in either image than boards were seen."""
-    for side, camera, outline in (("left", rig.left, sphere.left), ("right", rig.right, sphere.right)):
-        if told := _too_far_out(outline.points_px, camera, side):
-            raise RefusedError(f"the sphere {told}")
-
-
-def _too_far_out(pixels: FloatArray, camera: Camera, side: str) -> str:
-    """Say that what is seen at ``pixels`` (N, 2) is farther out than boards were, where it is."""
-    half = camera.beyond_boards(pixels)
-    if half is None or camera.reach is None or camera.size_px is None:
-        return ""
-    out = farthest(pixels, camera.size_px)
-    return (
-        f"reaches out to {out[half]:.1%} of the way from the {side} image's middle to its corners, expected "
-        f"{camera.reach[half]:.1%} or less as the calibration's boards do in its {HALVES[half]} half: how the lens "
-        "bends what lies farther out is not known; bring the sphere nearer to the middle, or calibrate with boards "
-        "there, too"
+def _require_known(sphere: StereoSphere, largest_mm: float) -> None:
+    """Raise `RefusedError` where the center of ``sphere`` is not known to ``largest_mm`` (RMS), and say why."""
+    stated_mm, calibrated_mm = (
+        float(np.sqrt(np.trace(one))) for one in (sphere.covariance_mm2, sphere.calibration_mm2)
     )
-
-
-def _beyond_boards(cones: Sequence[Sequence[Cone]], outlines: Sequence[Sequence[Outline]], rig: StereoRig) -> str:
-    """Say that what looks most like a sphere in either image is farther out than boards were, where it is.
-
-    A lens that is not known there bends an outline to none, or two to spheres that do not meet.
-    """
-    sides = (("left", rig.left), ("right", rig.right))
-    for (side, camera), offered, kept in zip(sides, cones, outlines, strict=True):
-        edges = [one.points_px for one in kept] or [camera.pixels(one.rays) for one in offered]
-        if edges and (told := _too_far_out(edges[0], camera, side)):
-            return f": what looks most like one {told}"
-    return ""
+    if stated_mm <= largest_mm:
+        return
+    told = f"the sphere's center is known to {stated_mm:.4f} mm only; expected {largest_mm:g} mm or less: "
+    if 2 * calibrated_mm**2 > stated_mm**2:
+        raise RefusedError(
+            f"{told}by {calibrated_mm:.4f} mm the cameras' calibration leaves open where it is; bring the sphere "
+            "nearer to where the calibration's boards were, or calibrate with more boards, larger in the images and "
+            "there, too"
+        )
+    raise RefusedError(
+        f"{told}light the sphere evenly, brighter than what is behind it but not brighter than pixels get, let it rest "
+        "in focus, or move the cameras closer"
+    )
 
 
 def _other_size(met: list[StereoSphere], rig: StereoRig, diameter_mm: float) -> str:
@@ -209,8 +190,15 @@ def _meet(left: Outline, right: Outline, rig: StereoRig, lamp_sd_deg: float) -> 
     )
     if not ahead or gap_mm > LARGEST_GAP_MM:
         return None
-    position, covariance = weighed(*_in_each_light(rig, left, right, near, lamp_sd_deg))
-    return StereoSphere(position, covariance, gap_mm, left, right)
+    logarithms, places, covariances, gains = _in_each_light(rig, left, right, near, lamp_sd_deg)
+    position, seen = weighed(logarithms, places, covariances)
+    calibration = np.zeros((3, 3))
+    if (errors := errors_of(rig)) is not None:
+        across = [one.sight.across for one in (left, right)]
+        radius_mm = float(np.linalg.norm(near - rig.left.center_mm) * np.sin(left.half_angle))
+        off = gains @ errors.of_places(rig, near, across, radius_mm) @ gains.transpose(0, 2, 1)
+        _, calibration = weighed(logarithms, np.zeros_like(places), off)
+    return StereoSphere(position, seen + calibration, calibration, gap_mm, left, right)
 
 
 def _seen(rig: StereoRig, left: Found, right: Found) -> tuple[tuple[Camera, Found], tuple[Camera, Found]]:
@@ -228,11 +216,11 @@ def _nearest(rig: StereoRig, directions: FloatArray) -> FloatArray:
 
 def _in_each_light(
     rig: StereoRig, left: Outline, right: Outline, near: FloatArray, lamp_sd_deg: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return the logarithm of each light's probability (H), and the position (H, 3) and covariance (H, 3, 3) in it.
 
-    Minimizes what the places in both images are off, in units of their covariance, linear about the position ``near``.
-    In the right light the lines of sight meet.
+    The last is how the position follows the places in both images (H, 3, 4). Minimizes what these are off, in units of
+    their covariance, linear about the position ``near``. In the right light the lines of sight meet.
     """
     lights = in_each_light((left.sight, right.sight), lamp_sd_deg)
     seen = [one.sight.seen(near - camera.center_mm) for camera, one in _seen(rig, left, right)]
@@ -241,8 +229,9 @@ def _in_each_light(
     spread = lights.covariances[:, CENTERS][:, :, CENTERS]
     weights = slope.T @ np.linalg.inv(spread)
     covariances = np.asarray(np.linalg.inv(weights @ slope), dtype=np.float64)
-    moves = (covariances @ weights @ misfit[:, :, None])[:, :, 0]
+    gains = covariances @ weights
+    moves = (gains @ misfit[:, :, None])[:, :, 0]
     apart = np.linalg.svd(slope)[0][:, 3]  # what no position explains
     missed = apart @ spread @ apart + RIG_PX**2 / (rig.left.focal_px * rig.right.focal_px)
     logarithms = lights.logarithms + fit((misfit @ apart)[:, None], missed[:, None, None])
-    return logarithms, near + moves, covariances
+    return logarithms, near + moves, covariances, gains

@@ -6,18 +6,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, as_points
 from ronnaplan.pose import Pose, adjoint, as_poses, as_stack, exponential, invert, rigid
-from ronnaplan.robot.camera import HALVES, RIG, Camera, StereoRig, farthest
+from ronnaplan.robot.board import grid_mm, quarters_apart, recounted, seen_by_both
+from ronnaplan.robot.calibration_errors import judged, known_share
+from ronnaplan.robot.camera import RIG, Boards, Camera, StereoRig
 from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.circles import Image
 from ronnaplan.robot.hand_eye import require_two_axes
 from ronnaplan.robot.stereo import StereoSphere
+from ronnaplan.sigmas import LARGEST_STATED_MM
 
-FEWEST_BOARDS = 6
 FEWEST_SPHERES = 6
 SMALLEST_TILT_DEG = 8.0
 """RMS tilt of the boards against each other that they need; parallel ones leave focal length and distance open."""
@@ -27,13 +29,8 @@ LARGEST_SD_MM = 0.5
 """A resting sphere's places scatter by less: those that do not come of poses of other moments, or in other units."""
 LARGEST_SIZE_ERROR = 0.01
 """What a sphere's diameter and its outlines say of its distance is within 0.004 of what the cameras' lines say."""
-BRIGHTEST_PERCENT = (100, 95)
-"""What is brighter than so much of the image is taken for white when boards are looked for: nothing at first, then a
-retro-reflective marker or another highlight, beside which a board may be too dark to be found."""
-LEAST_REACH = 0.45
-"""So much of the way from the image's middle to its corners boards reach in each half, for what lies beyond is
-extrapolated. Of 48 calibrations on boards here or there the 23 whose boards did left no place within more than 0.02 mm
-off; of the others, as of small boards in the middle or on one side, a third of the places within were."""
+LEAST_KNOWN = 0.75
+"""In so much of what both cameras see spheres should be measured; where boards were all over the images it is more."""
 SMALLEST_INFORMATION = 1e-6
 """Smallest over largest eigenvalue of the scaled normal matrix for poses that determine ``tcp_from_rig``."""
 
@@ -45,18 +42,27 @@ class StereoCalibration:
     left: Camera
     right: Camera
     rms_px: float
-    boards_used: int
+    boards: Boards
+
+    @property
+    def boards_used(self) -> int:
+        """How many boards both cameras saw."""
+        return len(self.boards.rig_from_board)
+
+    def rig(self, tcp_from_rig: Pose) -> StereoRig:
+        """Return the cameras with the TCP at ``tcp_from_rig``."""
+        return StereoRig(self.left, self.right, tcp_from_rig, self.boards)
 
     @property
     def doubts(self) -> tuple[str, ...]:
         """Where in the images it does not hold."""
-        return tuple(
-            f"in the {HALVES[int(np.argmin(camera.reach))]} half of the {side} image the boards reach out to "
-            f"{min(camera.reach):.0%} of the way from its middle to its corners, expected {LEAST_REACH:.0%} or more: "
-            "how the lens bends what lies farther out is not known, and spheres there are refused; take boards there, "
-            "too, or keep spheres within"
-            for side, camera in (("left", self.left), ("right", self.right))
-            if camera.reach is not None and min(camera.reach) < LEAST_REACH
+        share = known_share(self.rig(Pose.exact(np.eye(4), TCP, RIG)), LARGEST_STATED_MM)
+        if share >= LEAST_KNOWN:
+            return ()
+        return (
+            f"the boards tell the cameras to {LARGEST_STATED_MM:g} mm in {share:.0%} of what both see where the boards "
+            f"were, expected {LEAST_KNOWN:.0%} or more: spheres elsewhere are refused; take more boards, larger in the "
+            "images and all over them, or keep spheres near the middle of the boards",
         )
 
 
@@ -85,21 +91,19 @@ def calibrate_on_board(
 
     if len(left) != len(right) or len({np.asarray(image).shape for image in (*left, *right)}) != 1:
         raise InputError("the board images are not pairs of one size; expected as many left as right ones")
-    seen = _seen_by_both(left, right, corners)
-    grid = np.zeros((corners[0] * corners[1], 3), np.float32)
-    grid[:, :2] = np.mgrid[: corners[0], : corners[1]].T.reshape(-1, 2) * square_mm
-    boards = [grid] * len(seen)
+    seen = seen_by_both(left, right, corners)
+    boards = [grid_mm(corners, square_mm).astype(np.float32)] * len(seen)
     rows, columns = np.asarray(left[0]).shape
     size = columns, rows
     firsts, seconds = [a for a, _ in seen], [b for _, b in seen]
-    _, k_left, d_left, turns, _ = cv2.calibrateCamera(boards, firsts, size, None, None)
+    _, k_left, d_left, turns, _ = cv2.calibrateCamera(boards, _singles(firsts), size, None, None)
     _require_tilts(_turns(turns))
-    _, k_right, d_right, others, _ = cv2.calibrateCamera(boards, seconds, size, None, None)
-    quarters = _quarters_apart(exponential(_turns(turns)), exponential(_turns(others)), corners[0] == corners[1])
-    seconds = [_recounted(one, corners, turned) for one, turned in zip(seconds, quarters, strict=True)]
+    _, k_right, d_right, others, _ = cv2.calibrateCamera(boards, _singles(seconds), size, None, None)
+    quarters = quarters_apart(exponential(_turns(turns)), exponential(_turns(others)), corners[0] == corners[1])
+    seconds = [recounted(one, corners, turned) for one, turned in zip(seconds, quarters, strict=True)]
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 200, 1e-9)
     found = cv2.stereoCalibrate(
-        boards, firsts, seconds, k_left, d_left, k_right, d_right, size,
+        boards, _singles(firsts), _singles(seconds), k_left, d_left, k_right, d_right, size,
         flags=cv2.CALIB_USE_INTRINSIC_GUESS, criteria=criteria,
     )  # fmt: skip
     rms, k_left, d_left, k_right, d_right, rotation, shift = found[:7]
@@ -109,12 +113,12 @@ def calibrate_on_board(
             "check that left and right images belong together and that no camera moved between them"
         )
     right_from_left = rigid(_floats(rotation), _floats(shift).ravel())
-    return StereoCalibration(
-        Camera(_floats(k_left), _floats(d_left).ravel(), np.eye(4), size, _reach(firsts, size)),
-        Camera(_floats(k_right), _floats(d_right).ravel(), invert(right_from_left), size, _reach(seconds, size)),
-        float(rms),
-        len(seen),
+    cameras = (
+        Camera(_floats(k_left), _floats(d_left).ravel(), np.eye(4), size),
+        Camera(_floats(k_right), _floats(d_right).ravel(), invert(right_from_left), size),
     )
+    agreed = list(zip(firsts, seconds, strict=True))
+    return StereoCalibration(*cameras, float(rms), judged(cameras, agreed, corners, square_mm))
 
 
 def calibrate_tcp(robot_from_tcp: ArrayLike, spheres_mm: ArrayLike) -> TcpCalibration:
@@ -159,37 +163,6 @@ def _turns(vectors: object) -> FloatArray:
     return np.array(vectors, dtype=np.float64).reshape(-1, 3)
 
 
-def _quarters_apart(left: FloatArray, right: FloatArray, square: bool) -> list[int]:
-    """Return by how many quarter turns the right camera counts each board's corners otherwise than the left.
-
-    Boards are seen with rotations (N, 3, 3). One that looks the same upside down, or on its side where it is
-    ``square``, has several first corners, and the cameras may not have taken the same. The cameras rest against each
-    other, so the choice is the one with the steadiest rotation between them.
-    """
-    from scipy.spatial.transform import Rotation
-
-    counts = (0, 1, 2, 3) if square else (0, 2)
-    turns = exponential(np.outer(counts, (0.0, 0.0, np.pi / 2)))
-    choices = right @ turns[:, None] @ left.swapaxes(1, 2)
-    angles: list[list[FloatArray]] = [
-        [np.atleast_1d(Rotation.from_matrix(reference.T @ choice).magnitude()) for choice in choices]
-        for reference in choices[:, 0]
-    ]
-    best = min(angles, key=lambda one: float(np.min(one, axis=0).sum()))
-    return [counts[n] for n in np.argmin(best, axis=0)]
-
-
-def _reach(seen: list[FloatArray], size: tuple[int, int]) -> tuple[float, ...]:
-    """Return how far out the boards' corners are ``seen`` in each half of images of ``size`` (columns, rows)."""
-    return farthest(np.concatenate(seen).reshape(-1, 2), size)
-
-
-def _recounted(seen: FloatArray, corners: tuple[int, int], quarters: int) -> FloatArray:
-    """Return the places of a board's corners, row by row, in the order in which they are counted ``quarters`` on."""
-    columns, rows = corners
-    return np.rot90(seen.reshape(rows, columns, 2), quarters).reshape(seen.shape)
-
-
 def _require_tilts(turns: FloatArray) -> None:
     """Raise `InputError` unless boards turned by rotation vectors (N, 3) tilt against each other."""
     normals = exponential(turns)[:, :, 2]
@@ -202,34 +175,13 @@ def _require_tilts(turns: FloatArray) -> None:
         )
 
 
+def _singles(places: list[FloatArray]) -> list[NDArray[np.float32]]:
+    """Return places as OpenCV wants them."""
+    return [one.astype(np.float32) for one in places]
+
+
 def _floats(values: object) -> FloatArray:
     return np.asarray(values, dtype=np.float64)
-
-
-def _seen_by_both(
-    left: Sequence[Image], right: Sequence[Image], corners: tuple[int, int]
-) -> list[tuple[FloatArray, FloatArray]]:
-    """Return the corners in each pair of images that shows the whole board; raises `InputError` for too few pairs."""
-    pairs = [(_corners(a, corners), _corners(b, corners)) for a, b in zip(left, right, strict=True)]
-    seen = [(a, b) for a, b in pairs if a is not None and b is not None]
-    if len(seen) < FEWEST_BOARDS:
-        raise InputError(
-            f"the whole board is seen in {len(seen)} image pairs; expected {FEWEST_BOARDS} or more of a plain "
-            f"chessboard (no ChArUco) of {corners[0]} x {corners[1]} inner corners, all of it in both images"
-        )
-    return seen
-
-
-def _corners(image: Image, corners: tuple[int, int]) -> FloatArray | None:
-    import cv2
-
-    grey = np.asarray(image, dtype=np.float64)
-    for white in np.percentile(grey, BRIGHTEST_PERCENT):
-        scaled = np.clip(grey * (255 / max(float(white), 1e-9)), 0, 255).astype(np.uint8)
-        found, places = cv2.findChessboardCornersSB(scaled, corners, flags=cv2.CALIB_CB_ACCURACY)
-        if found:
-            return np.asarray(places)
-    return None
 
 
 def _start(poses: FloatArray, spheres: FloatArray) -> FloatArray:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from benchmarks.stereo import calibrated, looked, measure, worst
-from phantoms.cameras import SIZE
+from benchmarks.stereo_boards import Score, row_of
+from benchmarks.stereo_boards import measure as measure_on_boards
 from phantoms.stereo_kinds import BASE, SCENES
 from phantoms.stereo_scenes import random_rig, render
+from tests.robot.stereo_views import on_boards
 
 LOOKED_AT = 2
 """A seed that was looked at while tuning: the study's own stay unseen."""
@@ -50,9 +51,16 @@ def test_a_ball_beyond_the_boards_is_left_out_of_a_calibrations_errors() -> None
     """It is refused, and ended the study."""
     drawn = random_rig(np.random.default_rng(1))
     rig = calibrated(drawn)
-    size = SIZE[1], SIZE[0]
-    near = replace(rig, left=replace(rig.left, size_px=size, reach=(0.01,) * 4))
+    near = on_boards(rig, drawn.middle_mm, 1.0, 2.0)
     views = [render(BASE, drawn, np.random.default_rng(1))]
     assert [len(found) for found in looked(views, near)] == [0, 0]
     assert [len(found) for found in looked(views, rig)] == [1, 1]
     assert worst(*looked(views, rig)) == ["", ""]
+
+
+def test_cameras_calibrated_on_boards_measure_balls_within_them() -> None:
+    score = Score()
+    measure_on_boards("all over", np.random.default_rng(LOOKED_AT), score, boards=6, balls=4)
+    assert len(score.errors_mm) == 4
+    assert max(score.errors_mm) < 0.02
+    assert row_of("all over", score)[:3] == ["all over", "4", "4"]

@@ -425,17 +425,17 @@ def test_images_that_were_cropped_are_refused(home: Path, tmp_path: Path) -> Non
         in_rig(read_pairs(tmp_path), read_rig(home / "rig.json").rig, diameter_mm=11.5)
 
 
-def test_markers_farther_out_than_the_boards_were_are_refused(
+def test_markers_that_the_cameras_calibration_leaves_open_are_refused(
     home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """How far the calibration's boards reached, its document tells."""
+    """How far off the calibration's boards were, its document tells."""
     near = read(home / "rig.json")
-    assert all(0.3 < reach < 1.0 for reach in near["left"]["reach"])
-    near["left"]["reach"] = [0.001] * 4
+    assert 0.001 < near["calibrated_on"]["error_px"] < 0.03
+    near["calibrated_on"]["error_px"] = 3.0
     (tmp_path / "rig.json").write_text(json.dumps(near))
     looks = (str(home / "session" / "markers"), str(home / "session" / "markers_robot.csv"))
     assert main(["robot", "relocate", *looks, "--rig", str(tmp_path / "rig.json"), "--diameter", "11.5"]) == 3
-    told = r"frame 0: the sphere reaches out to \d+\.\d% of .* left image's middle .*, expected 0\.1% or less as"
+    told = r"frame 0: the sphere's center is known to .* mm only; .* mm the cameras' calibration leaves open"
     assert re.search(told, capsys.readouterr().err)
 
 

@@ -36,7 +36,7 @@ from ronnaplan.registration.marker_registration import register_markers
 from ronnaplan.robot.arm.arm import HeldJoint
 from ronnaplan.robot.arm.forward import forward
 from ronnaplan.robot.arm.kuka import kr6_r900
-from ronnaplan.robot.camera import RIG, Camera
+from ronnaplan.robot.camera import RIG, Boards, Camera
 from ronnaplan.robot.chain import OTS, TCP, Capture, M, R
 from ronnaplan.robot.hand_eye import HandEye
 from ronnaplan.robot.markers import RobotMarkers, register_robot_markers
@@ -141,8 +141,12 @@ def robot_documents() -> dict[str, tuple[str, Reader]]:
         np.full(5, 0.01),
         np.eye(4),
         (640, 512),
-        (0.9, 0.8, 0.7, 0.6),
     )
+    aside = replace(camera, rig_from_camera=rigid(np.eye(3), np.array([150.0, 0, 0])))
+    places = np.tile(np.eye(4), (8, 1, 1))
+    places[:, :3, :3] = Rotation.from_rotvec(rng.uniform(-0.5, 0.5, (8, 3))).as_matrix()
+    places[:, :3, 3] = (-24.0, -18, 300)
+    boards = Boards((9, 7), 6.0, places, 0.02, 0.01)
     tcp = TcpCalibration(pose(TCP, RIG), np.ones(3), 0.02, 0.01)
     robot = np.array([pose(R, TCP).matrix for _ in range(4)])
     found = RobotMarkers(tuple("1234"), rng.normal(size=(4, 3)) * 90, np.tile(1e-4 * np.eye(3), (4, 1, 1)), robot,
@@ -158,7 +162,7 @@ def robot_documents() -> dict[str, tuple[str, Reader]]:
         "pivot": (to_json(pivot_document(calibrate_pivot(poses), "tool", ("a note",))), read_pivot),
         "hand-eye": (to_json(hand_eye_document(hand_eye, "tool", 60, pivot=True)), read_hand_eye),
         "rig": (
-            to_json(rig_document(StereoCalibration(camera, camera, 0.1, 8), tcp, 12, 11.5)),
+            to_json(rig_document(StereoCalibration(camera, aside, 0.1, boards), tcp, 12, 11.5)),
             read_rig,
         ),
         "spheres": (to_json(spheres_document(found, 11.5)), read_spheres),

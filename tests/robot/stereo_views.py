@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from phantoms import cameras as rendering
 from phantoms.stereo_kinds import SCENES
 from phantoms.stereo_scenes import SceneRig, View, random_rig, render
 from ronnaplan.pose import Pose, invert
-from ronnaplan.robot.camera import RIG, Camera, StereoRig
+from ronnaplan.robot.camera import RIG, Boards, Camera, StereoRig
 from ronnaplan.robot.chain import TCP
 
 DIAMETER = 11.5
@@ -56,3 +57,14 @@ def rendered(name: str, seed: int) -> tuple[View, StereoRig]:
 def calibrated(rig: SceneRig) -> StereoRig:
     left, right = (Camera(*one) for one in zip(rig.matrices, rig.distortions, rig.places, strict=True))
     return StereoRig(left, right, Pose.exact(np.eye(4), TCP, RIG))
+
+
+def on_boards(rig: StereoRig, middle_mm: np.ndarray, square_mm: float, error_px: float) -> StereoRig:
+    """The same cameras, of which is known what eight tilted boards about a place told."""
+    rng = np.random.default_rng(4)
+    places = np.tile(np.eye(4), (8, 1, 1))
+    places[:, :3, :3] = Rotation.from_euler("xyz", rng.uniform(-28, 28, (8, 3)), degrees=True).as_matrix()
+    places[:, :3, 3] = middle_mm - places[:, :3, :3] @ [4 * square_mm, 3 * square_mm, 0]
+    size = rendering.SIZE[1], rendering.SIZE[0]
+    left, right = (replace(one, size_px=size) for one in (rig.left, rig.right))
+    return StereoRig(left, right, rig.tcp_from_rig, Boards((9, 7), square_mm, places, error_px, 0.0))

@@ -1,6 +1,5 @@
 """Calibration of the cameras on a board, and of their place on the robot from one resting sphere."""
 
-import re
 from functools import cache
 
 import numpy as np
@@ -8,19 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from phantoms import cameras as rendering
-from phantoms.robot_session import DISTORTIONS, MATRICES, SIZE
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.pose import invert
-from ronnaplan.robot import stereo_calibration
-from ronnaplan.robot.camera import StereoRig, farthest
+from ronnaplan.robot import board, stereo_calibration
+from ronnaplan.robot.board import FEWEST_BOARDS
 from ronnaplan.robot.stereo import locate_sphere
-from ronnaplan.robot.stereo_calibration import (
-    FEWEST_BOARDS,
-    _quarters_apart,
-    _recounted,
-    calibrate_on_board,
-    calibrate_tcp,
-)
+from ronnaplan.robot.stereo_calibration import calibrate_on_board, calibrate_tcp
 from tests.robot.stereo_views import DIAMETER, RIG_EXACT, RIGHT, D, K, moved, placed, seen
 
 CORNERS, SQUARE = (9, 7), 6.0
@@ -55,22 +47,22 @@ _found: dict[bytes, np.ndarray | None] = {}
 @pytest.fixture
 def found_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """OpenCV takes a second to find a board in a picture: what it found there it found for all tests."""
-    find = stereo_calibration._corners
+    find = board.find_corners
 
     def found(image: np.ndarray, corners: tuple[int, int]) -> np.ndarray | None:
         if (key := image.tobytes()) not in _found:
             _found[key] = find(image, corners)
         return _found[key]
 
-    monkeypatch.setattr(stereo_calibration, "_corners", found)
+    monkeypatch.setattr(board, "find_corners", found)
 
 
 @pytest.mark.usefixtures("found_once")
 def test_cameras_calibrated_on_a_board_measure_the_sphere_to_a_fiftieth_of_a_millimetre() -> None:
     """Positions against each other: a board calibration has no other origin than the camera it finds."""
     calibration = calibrate_on_board(*boards(), corners=CORNERS, square_mm=SQUARE)
-    rig = StereoRig(calibration.left, calibration.right, RIG_EXACT.tcp_from_rig)
-    assert calibration.rms_px < 0.15
+    rig = calibration.rig(RIG_EXACT.tcp_from_rig)
+    assert calibration.rms_px < 0.03
     assert calibration.doubts == ()
     rng = np.random.default_rng(7)
     truth = [
@@ -80,34 +72,6 @@ def test_cameras_calibrated_on_a_board_measure_the_sphere_to_a_fiftieth_of_a_mil
     a, b = np.array(truth) - np.mean(truth, axis=0), np.array(found) - np.mean(found, axis=0)
     turn = Rotation.align_vectors(a, b)[0].as_matrix()
     assert np.linalg.norm(b @ turn.T - a, axis=1).max() < 0.02
-
-
-@pytest.mark.usefixtures("found_once")
-def test_boards_that_stay_in_the_middle_of_larger_images_are_told() -> None:
-    left, right = boards()
-    around = [[np.pad(image, (np.array(image.shape) // 2)[:, None]) for image in side] for side in (left, right)]
-    for side, images in zip((left, right), around, strict=True):
-        for small, large in zip(side, images, strict=True):
-            rows, columns = small.shape
-            corners = stereo_calibration._corners(small, CORNERS)
-            assert corners is not None
-            _found[large.tobytes()] = corners + np.array([columns // 2, rows // 2], dtype=np.float32)
-    calibration = calibrate_on_board(*around, corners=CORNERS, square_mm=SQUARE)
-    reaches = calibration.left.reach, calibration.right.reach
-    assert [max(reach or ()) for reach in reaches] == pytest.approx([0.32, 0.34], abs=0.01)
-    told = (
-        r"in the (left|right|upper|lower) half of the left image the boards reach out to (2\d|3[0-2])% of the way"
-    )
-    assert re.match(told, calibration.doubts[0])
-
-
-def test_how_far_out_is_told_by_halves() -> None:
-    """Of images of 101 x 61 pixels, whose corners are 58.3 pixels from the middle."""
-    places = np.array([[50.0, 30], [80, 0], [20, 30], [50, 60]])
-    assert farthest(places, (101, 61)) == pytest.approx(
-        np.array([30, 30 * np.sqrt(2), 30 * np.sqrt(2), 30]) / 58.3095
-    )
-    assert farthest(places[1:2], (101, 61))[::3] == (0.0, 0.0)
 
 
 @pytest.mark.usefixtures("found_once")
@@ -122,26 +86,6 @@ def test_board_images_that_do_not_show_the_board_are_refused() -> None:
         calibrate_on_board(left, right[:5], corners=CORNERS, square_mm=SQUARE)
 
 
-@pytest.mark.parametrize(("corners", "least"), [((9, 7), 2), ((4, 4), 1)])
-def test_a_board_that_looks_the_same_turned_is_counted_alike_by_both_cameras(
-    corners: tuple[int, int], least: int
-) -> None:
-    """Upside down, and on its side where it is square: each camera takes any of its corners for the first one."""
-    rng = np.random.default_rng(0)
-    left = Rotation.from_rotvec(rng.normal(size=(8, 3)) * 0.3)
-    quarters = least * rng.integers(0, 4 // least, 8)
-    turned = Rotation.from_euler("z", -90.0 * quarters[:, None], degrees=True)
-    right = RIGHT[:3, :3].T @ (left * turned).as_matrix()
-    assert _quarters_apart(left.as_matrix(), right, square=corners[0] == corners[1]) == quarters.tolist()
-    grid = np.append(
-        np.mgrid[: corners[0], : corners[1]].T.reshape(-1, 2), np.zeros((np.prod(corners), 1)), axis=1
-    )
-    grid -= grid.mean(axis=0)
-    for place, one, count in zip(left, turned, quarters.tolist(), strict=True):
-        seen = (place * one).apply(grid)[:, :2]
-        np.testing.assert_allclose(_recounted(seen, corners, count), place.apply(grid)[:, :2], atol=1e-12)
-
-
 @pytest.mark.usefixtures("found_once")
 def test_board_images_that_contradict_each_other_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """Boards that do are slow to fit, so the limit is lowered instead."""
@@ -149,20 +93,6 @@ def test_board_images_that_contradict_each_other_are_refused(monkeypatch: pytest
     left, right = boards()
     with pytest.raises(InputError, match="contradict each other by"):
         calibrate_on_board(left[:FEWEST_BOARDS], right[:FEWEST_BOARDS], corners=CORNERS, square_mm=SQUARE)
-
-
-def test_a_board_is_found_beside_what_is_far_brighter() -> None:
-    """A retro-reflective marker that lies beside it, or a lamp."""
-    rng = np.random.default_rng(6)
-    pose = board_place(rng, 20.0)
-    bright = rendering.board_image(pose, CORNERS, SQUARE, MATRICES[0], DISTORTIONS[0], rng, SIZE)
-    dark = (0.12 * bright).astype(np.uint8)
-    dark[20:60, 20:60] = 255
-    found = [stereo_calibration._corners(image, CORNERS) for image in (bright, dark)]
-    assert found[0] is not None
-    assert found[1] is not None
-    off_px = (found[1] - found[0]).reshape(-1, 2)
-    assert np.sqrt((off_px**2).mean()) < 0.1
 
 
 def test_boards_that_hardly_tilt_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -173,7 +103,7 @@ def test_boards_that_hardly_tilt_are_refused(monkeypatch: pytest.MonkeyPatch) ->
         pose = board_place(rng, 4.0)
         at = rendering.project(grid @ pose[:3, :3].T + pose[:3, 3], K[0], D[0]) + rng.normal(size=(63, 2)) * 0.03
         seen_at[number] = at[:, None].astype(np.float32)
-    monkeypatch.setattr(stereo_calibration, "_corners", lambda image, corners: seen_at[image[0, 0]])
+    monkeypatch.setattr(board, "find_corners", lambda image, corners: seen_at[image[0, 0]])
     left = [np.full(rendering.SIZE, number, dtype=np.uint8) for number in range(FEWEST_BOARDS)]
     with pytest.raises(InputError, match="do not determine the cameras: the boards tilt by"):
         calibrate_on_board(left, left, corners=CORNERS, square_mm=SQUARE)
