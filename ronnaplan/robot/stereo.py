@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TypeVar
@@ -30,7 +31,10 @@ CONE_PX, CONE_SIZE = 10.0, 0.25
 """The same for cones that edges agree on: lines of sight may be off by so many pixels more, sizes by this."""
 CENTERS = np.array([0, 1, 3, 4])
 """Of the places in two images, those of the center."""
-
+KEEP_TO_BOARDS = (
+    "bring the sphere nearer to where the calibration's boards were, or calibrate with more boards, larger in the "
+    "images and there, too"
+)
 
 Found = TypeVar("Found", Cone, Outline)
 
@@ -98,7 +102,9 @@ def locate_sphere(
     found = [one for one in met if max(map(abs, one.size_errors(rig, diameter_mm))) <= SIZE_TOLERANCE]
     if not found:
         counts = f"{len(lefts)} outlines left, {len(rights)} right"
-        why = _other_size(met, rig, diameter_mm) or _advice(lefts, rights, bool(meeting[0]))
+        kept = [few or many for few, many in zip((lefts, rights), seen, strict=True)]
+        why = _left_open(kept, rig, diameter_mm, largest_mm) or _other_size(met, rig, diameter_mm)
+        why = why or _advice(lefts, rights, bool(meeting[0]))
         raise InputError(f"no sphere of {diameter_mm:g} mm is seen by both cameras ({counts}){why}")
     if len(found) > 1:
         raise RefusedError(f"{len(found)} spheres of {diameter_mm:g} mm are seen by both cameras; expected one")
@@ -117,14 +123,34 @@ def _require_known(sphere: StereoSphere, largest_mm: float) -> None:
     told = f"the sphere's center is known to {stated_mm:.4f} mm only; expected {largest_mm:g} mm or less: "
     if 2 * calibrated_mm**2 > stated_mm**2:
         raise RefusedError(
-            f"{told}by {calibrated_mm:.4f} mm the cameras' calibration leaves open where it is; bring the sphere "
-            "nearer to where the calibration's boards were, or calibrate with more boards, larger in the images and "
-            "there, too"
+            f"{told}by {calibrated_mm:.4f} mm the cameras' calibration leaves open where it is; {KEEP_TO_BOARDS}"
         )
     raise RefusedError(
         f"{told}light the sphere evenly, brighter than what is behind it but not brighter than pixels get, let it rest "
         "in focus, or move the cameras closer"
     )
+
+
+def _left_open(
+    seen: Sequence[Sequence[Cone | Outline]], rig: StereoRig, diameter_mm: float, largest_mm: float
+) -> str:
+    """Say that what looks most like a sphere in either image is where cameras are not known to ``largest_mm``, or not.
+
+    A lens that is not known there bends an outline to none, or two to spheres that do not meet.
+    """
+    errors = errors_of(rig)
+    for side, camera, offered in zip(("left", "right"), (rig.left, rig.right), seen, strict=True):
+        if errors is None or not offered:
+            continue
+        direction = camera.rig_from_camera[:3, :3] @ offered[0].direction
+        place = camera.center_mm + offered[0].distance_mm(diameter_mm) * direction
+        open_mm = float(np.sqrt(np.trace(errors.of_center(rig, place, diameter_mm / 2))))
+        if open_mm > largest_mm:
+            return (
+                f": by {open_mm:.2g} mm the cameras' calibration leaves open where what looks most like one is in the "
+                f"{side} image; {KEEP_TO_BOARDS}"
+            )
+    return ""
 
 
 def _other_size(met: list[StereoSphere], rig: StereoRig, diameter_mm: float) -> str:

@@ -1,5 +1,6 @@
 """Stereo re-localization of an evenly bright sphere, on images rendered by independent code."""
 
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
@@ -173,6 +174,22 @@ def test_a_sphere_where_the_calibration_leaves_too_much_open_is_refused() -> Non
     with pytest.raises(RefusedError, match=told):
         locate_sphere(*far, rig, diameter_mm=DIAMETER)
     locate_sphere(*far, RIG_EXACT, diameter_mm=DIAMETER)
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_sphere_that_is_not_found_where_the_lens_is_not_known_is_told_to_be_there(side: int) -> None:
+    """The lens is told so wrongly there that an outline is none: no camera moved closer mends that."""
+    images = seen([np.array([27.0, 17, 300])], np.random.default_rng(3))
+    rig = on_boards(RIG_EXACT, np.array([0.0, 0, 300]), 3.0, 0.05)
+    cameras = [rig.left, rig.right]
+    bent = cameras[side].distortion + np.array([0.0, 200, 0, 0, 0])
+    cameras[side] = replace(cameras[side], distortion=bent)
+    bent_rig = StereoRig(cameras[0], cameras[1], rig.tcp_from_rig, rig.boards)
+    told = (
+        r"no sphere of 11.5 mm .*: by .* mm the cameras' calibration leaves open where what looks most like one is"
+    )
+    with pytest.raises(InputError, match=told):
+        locate_sphere(*images, bent_rig, diameter_mm=DIAMETER)
 
 
 def test_images_of_the_other_camera_each_are_told_as_such() -> None:
