@@ -130,7 +130,7 @@ def calibration_table(rigs: int, seed: int) -> str:
             except RonnaplanError as refusal:
                 rows.append([f"{tilt_deg:g} degrees", str(number), f"refused: {refusal}", "", ""])
                 continue
-            rig = StereoRig(found.left, found.right, Pose.exact(np.eye(4), TCP, RIG))
+            rig = found.rig(Pose.exact(np.eye(4), TCP, RIG))
             true, seen = looked([render(BASE, drawn, rng) for _ in range(LOOKS)], rig)
             rows.append([f"{tilt_deg:g} degrees", str(number), f"{len(seen)} of {LOOKS}", *worst(true, seen)])
             print(rows[-1], flush=True)

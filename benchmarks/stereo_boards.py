@@ -22,7 +22,7 @@ from ronnaplan.errors import RonnaplanError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import Pose, invert, rigid, transform_points
 from ronnaplan.report.tables import align
-from ronnaplan.robot.camera import RIG, StereoRig
+from ronnaplan.robot.camera import RIG
 from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.stereo import StereoSphere, locate_sphere
 from ronnaplan.robot.stereo_calibration import calibrate_on_board
@@ -89,7 +89,7 @@ def measure(
     pairs = [_board(layout, rng) for _ in range(boards)]
     lefts, rights = [left for left, _ in pairs], [right for _, right in pairs]
     found = calibrate_on_board(lefts, rights, corners=CORNERS, square_mm=LAYOUTS[layout][0])
-    rig = StereoRig(found.left, found.right, Pose.exact(np.eye(4), TCP, RIG), found.boards)
+    rig = found.rig(Pose.exact(np.eye(4), TCP, RIG))
     score.balls += balls
     true, spheres = [], []
     for _ in range(balls):

@@ -29,7 +29,7 @@ LARGEST_SD_MM = 0.5
 """A resting sphere's places scatter by less: those that do not come of poses of other moments, or in other units."""
 LARGEST_SIZE_ERROR = 0.01
 """What a sphere's diameter and its outlines say of its distance is within 0.004 of what the cameras' lines say."""
-LEAST_KNOWN = 0.75
+LEAST_KNOWN = 0.6
 """In so much of what both cameras see spheres should be measured; where boards were all over the images it is more."""
 SMALLEST_INFORMATION = 1e-6
 """Smallest over largest eigenvalue of the scaled normal matrix for poses that determine ``tcp_from_rig``."""
