@@ -55,15 +55,22 @@ class StereoCalibration:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Where in the images it does not hold."""
+        """Where in the images it does not hold, and what the corners say against it."""
         share = known_share(self.rig(Pose.exact(np.eye(4), TCP, RIG)), LARGEST_STATED_MM)
-        if share >= LEAST_KNOWN:
-            return ()
-        return (
-            f"the boards tell the cameras to {LARGEST_STATED_MM:g} mm in {share:.0%} of what both see where the boards "
-            f"were, expected {LEAST_KNOWN:.0%} or more: spheres elsewhere are refused; take more boards, larger in the "
-            "images and all over them, or keep spheres near the middle of the boards",
-        )
+        told = []
+        if share < LEAST_KNOWN:
+            told.append(
+                f"the boards tell the cameras to {LARGEST_STATED_MM:g} mm in {share:.0%} of what both see where the "
+                f"boards were, expected {LEAST_KNOWN:.0%} or more: spheres elsewhere are refused; take more boards, "
+                "larger in the images and all over them, or keep spheres near the middle of the boards"
+            )
+        if self.boards.lens_px > self.boards.error_px:
+            told.append(
+                f"the boards' corners are off by {self.boards.lens_px:.3f} pixels in smooth fields, expected no more "
+                f"than their noise of {self.boards.error_px:.3f}: the board is not flat, or not as it was printed, or "
+                "the lenses bend otherwise than their model; calibrate with a board on glass or metal"
+            )
+        return tuple(told)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,6 @@
 """What calibrated cameras do not know of themselves, held against calibrating them again, and against other lenses."""
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -104,6 +105,9 @@ def test_lenses_that_bend_otherwise_are_told_by_the_boards_and_counted(monkeypat
     """The Jacobian alone does not see it."""
     found = calibrated(monkeypatch, np.random.default_rng(9), prism_px=0.5)
     assert found.boards.lens_px > NOISE_PX
+    assert re.search(
+        r"off by 0\.0\d\d pixels in smooth fields, .* noise of 0\.020: the board is not flat", found.doubts[0]
+    )
     assert found.boards.error_px == pytest.approx(NOISE_PX, rel=0.1)
     errors = located(found, prism_px=0.5) - PLACES
     alone = replace(found, boards=replace(found.boards, lens_px=0.0))
