@@ -195,7 +195,7 @@ def _held_inverse(normal: FloatArray, held: FloatArray) -> FloatArray:
     """Return the inverse (30, 30) of a ``normal`` matrix whose null space ``held`` (6, 30) holds."""
     scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
     scaled = normal / np.outer(scale, scale)
-    spectrum = np.linalg.eigvalsh(scaled)
+    spectrum = np.linalg.eigvalsh(scaled) if np.isfinite(scaled).all() else np.zeros(len(scaled))
     if not spectrum[len(held)] > SMALLEST_INFORMATION * spectrum[-1]:
         raise InputError("the boards do not determine the cameras; tilt them to all sides, all over both images")
     rows = held / scale

@@ -119,5 +119,15 @@ class StereoRig:
     """None where it is not told: then the cameras are taken for true."""
 
     def __post_init__(self) -> None:
-        if self.boards is not None and None in (self.left.size_px, self.right.size_px):
-            raise InputError("cameras were calibrated on boards, but have no size; expected that of their images")
+        if self.boards is None:
+            return
+        for camera in (self.left, self.right):
+            if camera.size_px is None:
+                raise InputError(
+                    "cameras were calibrated on boards, but have no size; expected that of their images"
+                )
+            away = (self.boards.rig_from_board[:, :3, 3] - camera.center_mm) @ camera.rig_from_camera[:3, 2]
+            if away.min() <= 0:
+                raise InputError(
+                    "cameras were calibrated on a board behind them; expected all before both cameras"
+                )

@@ -36,5 +36,8 @@ def test_a_rig_keeps_what_it_was_calibrated_on(tmp_path: Path) -> None:
     written["calibrated_on"]["rig_from_board"] += [[[2.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 300], [0, 0, 0, 1]]]
     with pytest.raises(InputError, match="rig_from_board"):
         read()
+    written["calibrated_on"]["rig_from_board"][-1] = [[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -300], [0, 0, 0, 1]]
+    with pytest.raises(InputError, match="on a board behind them"):
+        read()
     del written["calibrated_on"]
     assert read().boards is None
