@@ -185,6 +185,11 @@ class Copies(caching.FunctionCache):
         with self._guard_against_spurious_io_errors():
             return self._load_overload(signature, context)  # type: ignore[no-untyped-call]
 
+    def save_overload(self, signature: Any, data: Any) -> None:
+        """Keep a copy of the kernel as it was compiled; where the disk takes none it is compiled again next time."""
+        with suppress(OSError):
+            super().save_overload(signature, data)  # type: ignore[no-untyped-call]
+
     @contextmanager
     def alone(self, signature: Any, context: Any) -> Iterator[None]:
         """Keep other processes from compiling meanwhile, unless there is a copy, or nowhere to put one."""

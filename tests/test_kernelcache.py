@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import errno
 import os
 import re
 import shutil
@@ -16,6 +17,7 @@ from typing import Any
 
 import pytest
 from filelock import FileLock
+from numba.core import caching
 
 import kernelcache
 from kernelcache import njit
@@ -125,6 +127,16 @@ def told(folder: Path, script: str) -> str:
 
 def change(path: Path, old: str, new: str) -> None:
     path.write_text(path.read_text().replace(old, new))
+
+
+def test_a_kernel_runs_where_the_disk_takes_no_copy_of_it(
+    pack: Path, anew: Anew, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(caching.IndexDataCacheFile, "_save_data", full)
+    assert anew(RUN) == anew(RUN) == "16.0 0"
 
 
 def test_a_copy_is_made_anew_where_a_constant_or_a_kernel_of_another_module_changed(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import atexit
+import errno
 import gc
 import io
 import os
@@ -38,6 +39,9 @@ KEPT_SMALL = {
 
 NO_INPUTS = frozenset({"output", "to", "name"})
 """What may be the name of a file that is written, but names none that is read: formats, and kinds of documents."""
+
+NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.ENOENT})
+"""What the system says where a disk takes no more; ENOENT, of no file: that no folder takes temporary ones."""
 
 GIVEN = "_given"
 """Where parsing keeps which options it met."""
@@ -95,15 +99,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
             discard_output()
             return 0
         except OSError as error:
-            if error.filename is None:
-                raise
-            # Even to ask whether a file exists fails in a folder that is closed to this user, or with too long a name.
-            named = printable(os.fsdecode(error.filename))
-            print(f"ronnaplan: {named}: {error.strerror}; name another path, or get access to it", file=sys.stderr)
+            print(f"ronnaplan: {_told(error)}", file=sys.stderr)
             return InputError.exit_status
         except KeyboardInterrupt:
             print("ronnaplan: stopped; no file was left half-written", file=sys.stderr)
             return 130
+
+
+def _told(error: OSError) -> str:
+    """Return a sentence for what the system says of a file; raises ``error`` where it says nothing of one."""
+    if error.filename is not None:
+        # Even to ask whether a file exists fails in a folder that is closed to this user, or with too long a name.
+        named = printable(os.fsdecode(error.filename))
+        return f"{named}: {error.strerror}; name another path, or get access to it"
+    if error.errno in NO_ROOM:
+        told = printable(error.strerror or error)
+        return f"{told}; make room on the disk, or name another folder for temporary files by TMPDIR"
+    raise error
 
 
 def _run(arguments: Sequence[str] | None) -> int:

@@ -5,6 +5,9 @@ from __future__ import annotations
 import os
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ronnaplan.ct import CTVolume, read_ct
 from ronnaplan.ct.catalogue import find_series
@@ -12,7 +15,10 @@ from ronnaplan.ct.images import is_image_file
 from ronnaplan.ct.reader import read_series
 from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.registration import RegistrationDocument
-from ronnaplan.errors import UsageError
+from ronnaplan.errors import UnwrittenError, UsageError
+
+if TYPE_CHECKING:
+    import SimpleITK as sitk
 
 SUFFIXES = (".nii.gz", ".nii", ".nrrd", ".mha")
 """Kinds of image that are one file."""
@@ -33,8 +39,31 @@ def tre_image(document: RegistrationDocument, ct: str | os.PathLike[str] | None,
     image = document.tre_map(_scan(ct, document.source)).to_sitk()
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder) / f"map{suffix}"
-        sitk.WriteImage(image, str(made), useCompression=True)
+        _write_whole(image, made)
         return made.read_bytes()
+
+
+def _write_whole(image: sitk.Image, path: Path) -> None:
+    """Write an image file and read it back; raises `UnwrittenError` where it does not hold what was written.
+
+    Of a disk that takes no more SimpleITK tells nothing when it writes NIfTI, nor when it reads what was cut.
+    """
+    import SimpleITK as sitk
+
+    try:
+        sitk.WriteImage(image, str(path), useCompression=True)
+        written = sitk.ReadImage(str(path))
+        whole = np.array_equal(sitk.GetArrayViewFromImage(written), sitk.GetArrayViewFromImage(image))
+    except RuntimeError as error:
+        raise _unwritten(path) from error
+    if not whole:
+        raise _unwritten(path)
+
+
+def _unwritten(path: Path) -> UnwrittenError:
+    return UnwrittenError(
+        f"{path} could not be written whole; make room on its disk, or name another folder for temporary files by TMPDIR"
+    )
 
 
 def _scan(path: str | os.PathLike[str], source: Source) -> CTVolume:

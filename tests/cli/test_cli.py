@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import json
 import os
 import subprocess
@@ -246,6 +247,28 @@ def test_a_full_disk_or_a_closed_output_is_said_plainly(ending: str, ct_folder: 
         assert done.returncode == 1, name
         assert "standard output" in done.stderr, name
         assert done.stderr.count("\n") == 1, done.stderr
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.ENOENT])
+def test_a_disk_without_room_for_temporary_files_is_said_plainly(
+    code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(_: str) -> None:
+        raise OSError(code, "no room")
+
+    monkeypatch.setattr("ronnaplan.documents.schemas.schema", full)
+    status, out, told = run(["schema", "plan"], capsys)
+    assert (status, out) == (1, "")
+    assert told == "ronnaplan: no room; make room on the disk, or name another folder for temporary files by TMPDIR\n"
+
+
+def test_an_error_of_the_system_that_is_of_no_file_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(_: str) -> None:
+        raise OSError(errno.EBADF, "Bad file descriptor")
+
+    monkeypatch.setattr("ronnaplan.documents.schemas.schema", broken)
+    with pytest.raises(OSError, match="Bad file"):
+        main(["schema", "plan"])
 
 
 @pytest.mark.parametrize("ending", ["2> /dev/full", "2>&-"])

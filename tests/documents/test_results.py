@@ -18,7 +18,7 @@ from ronnaplan.cli import main
 from ronnaplan.ct import CTVolume, SeriesSource
 from ronnaplan.ct.catalogue import Catalogue, find_series
 from ronnaplan.documents.fiducials import read_fiducials
-from ronnaplan.errors import FrameMismatchError, RonnaplanError, UsageError
+from ronnaplan.errors import FrameMismatchError, RonnaplanError, UnwrittenError, UsageError
 from ronnaplan.localization import Fiducial, Fiducials
 from tests import cases
 from tests.ct import makers
@@ -81,6 +81,24 @@ def test_a_map_of_the_error_has_the_scans_voxels_from_python_and_from_the_comman
         np.testing.assert_array_equal(sitk.GetArrayFromImage(sitk.ReadImage(out)), written.tre_map(volume).values)
     with pytest.raises(FrameMismatchError, match="their voxels differ"):
         written.tre_map(CTVolume.from_array(np.ones((3, 4, 5), np.int16), GRID))
+
+
+@pytest.mark.parametrize("name", ["map.nii.gz", "map.nii", "map.nrrd", "map.mha"])
+def test_a_map_that_has_no_room_is_told_and_no_part_of_it_is_written(tmp_path: Path, name: str) -> None:
+    resource = pytest.importorskip("resource")
+    makers.write_series(tmp_path / "ct")
+    volume = read_ct(tmp_path / "ct")
+    markers = replace(found(makers.FRAME), source=volume.source, voxel_sha256=volume.voxel_sha256)
+    registered = register_markers(markers.points, scene.readings(), sigma_ct_mm=0.1)
+    document = write_registration(tmp_path / "registration.json", registered, markers)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
+    try:
+        with pytest.raises(UnwrittenError, match="could not be written whole; make room"):
+            write_as(tmp_path / name, document, "tre-map", tmp_path / "ct")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not (tmp_path / name).exists()
 
 
 def test_a_map_lies_on_that_stack_of_a_series_whose_markers_were_registered(
