@@ -12,6 +12,7 @@ Two packages stand on this one, `ronnaplan` and `phantoms`, which share nothing 
 from __future__ import annotations
 
 import hashlib
+import logging
 import pickle
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -42,6 +43,12 @@ lock behind where the system knows none."""
 NO_MORE: dict[str, Any] = {"no_cfunc_wrapper": True}
 """Nobody calls a kernel from C; numba would compile a tenth longer for that. Its stubs do not know the option."""
 
+NO_FOLDER = "no locator available"
+"""What numba says of copies where it may write neither beside the source nor in the user's folder of such files."""
+
+homeless: list[str] = []
+"""Kernels that are compiled anew each time."""
+
 PLAIN = (bool, int, float, complex, str, bytes, np.generic)
 """Constants whose text tells their value."""
 
@@ -57,12 +64,32 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Function], Functio
         kernel: Any = numba.njit(**options, **NO_MORE)(function)
         if isinstance(kernel, Dispatcher):  # it is none where numba was told to compile nothing
             _take_constants_as_numbers(kernel)
-            if cache:
-                kernel._cache = Copies(function)  # type: ignore[attr-defined]
+            copies = _copies(function) if cache else None
+            if copies is not None:
+                kernel._cache = copies  # type: ignore[attr-defined]
                 _compile_once(kernel)
         return cast(Function, kernel)
 
     return compiled
+
+
+def _copies(function: Any) -> Copies | None:
+    """Return a kernel's copies on disk; None where there is no folder for any, as without a home in a read-only system.
+
+    The first such kernel is told: all of a program are compiled anew then, each time that it runs.
+    """
+    try:
+        return Copies(function)
+    except RuntimeError as error:
+        if NO_FOLDER not in str(error):
+            raise
+        if not homeless:
+            logging.getLogger(__name__).warning(
+                "no folder takes compiled copies of the inner loops, which are compiled anew each time (15 to 40 s); "
+                "name one that may be written to by NUMBA_CACHE_DIR"
+            )
+        homeless.append(function.__qualname__)
+        return None
 
 
 def _take_constants_as_numbers(kernel: Any) -> None:

@@ -139,6 +139,17 @@ def test_a_kernel_runs_where_the_disk_takes_no_copy_of_it(
     assert anew(RUN) == anew(RUN) == "16.0 0"
 
 
+def test_kernels_run_where_no_folder_takes_copies_and_that_is_told_once(
+    pack: Path, anew: Anew, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(kernelcache._Copy, "_locator_classes", [])
+    monkeypatch.setattr(kernelcache, "homeless", [])
+    assert anew(RUN) == anew(RUN) == "16.0 0"
+    assert [one.message.partition(",")[0] for one in caplog.records] == [
+        "no folder takes compiled copies of the inner loops"
+    ]
+
+
 def test_a_copy_is_made_anew_where_a_constant_or_a_kernel_of_another_module_changed(
     pack: Path, anew: Anew
 ) -> None:

@@ -20,10 +20,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Localize and pair the markers of a small scan that is made for this."""
+    """Localize and pair the markers of a small scan that is made for this; refused where that would be lost."""
+    from kernelcache import homeless
     from ronnaplan.correspondence import describe_layout, match_points
+    from ronnaplan.errors import InputError
     from ronnaplan.localization import localize
 
+    if homeless:
+        raise InputError(
+            "what is compiled cannot be kept; name a folder that may be written to by NUMBA_CACHE_DIR"
+        )
     print("compiling, once for this version and machine ...", file=sys.stderr)
     found = localize(made_scan(), diameter_mm=DIAMETER_MM, expected=len(MARKERS_MM))
     describe_layout(found.centers).refusal_probability()

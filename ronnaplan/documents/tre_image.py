@@ -34,7 +34,6 @@ def tre_image(document: RegistrationDocument, ct: str | os.PathLike[str] | None,
         raise UsageError(f"the map's file is '{name}'; expected a name that ends in {', '.join(SUFFIXES)}")
     if ct is None:
         raise UsageError("no scan was given for the map to lie on; name it with --ct")
-    import SimpleITK as sitk
 
     image = document.tre_map(_scan(ct, document.source)).to_sitk()
     with tempfile.TemporaryDirectory() as folder:
@@ -62,7 +61,7 @@ def _write_whole(image: sitk.Image, path: Path) -> None:
 
 def _unwritten(path: Path) -> UnwrittenError:
     return UnwrittenError(
-        f"{path} could not be written whole; make room on its disk, or name another folder for temporary files by TMPDIR"
+        f"{path} could not be written whole; make room on its disk, or name another for temporary files by TMPDIR"
     )
 
 

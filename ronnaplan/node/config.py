@@ -46,9 +46,9 @@ class Limits(DocumentModel):
 class Tls(DocumentModel):
     """Certificates for encrypted associations, PEM files; both sides must show one that ``authorities`` signed."""
 
-    certificate: Line
-    key: Line
-    authorities: Line
+    certificate: Label
+    key: Label
+    authorities: Label
 
 
 class Peer(DocumentModel):
@@ -56,7 +56,7 @@ class Peer(DocumentModel):
 
     name: Label
     title: AeTitle = "ANY-SCP"
-    host: Line = "127.0.0.1"
+    host: Label = "127.0.0.1"
     port: Port = 0
     sends: bool = False
     """Whether it may send scans here."""
@@ -93,7 +93,7 @@ class Rule(ScanRule):
     answers: tuple[AnswerKind, ...] = ("fiducials", "sr", "pdf", "sheet")
     receivers: tuple[Label, ...] = ()
     """Names of the peers that get the answers."""
-    documents: Line | None = None
+    documents: Label | None = None
     """A folder with a folder for each study, named by its UID: its registration.json and plan.json are answers, too."""
 
 
@@ -112,9 +112,9 @@ class Config(DocumentModel):
     """The whole of node.toml; ``home`` is the folder that its relative paths start from."""
 
     home: Path = Path()
-    folder: Line = "node-data"
+    folder: Label = "node-data"
     titles: tuple[AeTitle, ...] = ("RONNAPLAN",)
-    host: Line = "127.0.0.1"
+    host: Label = "127.0.0.1"
     port: Port = 11112
     page_port: Port | None = None
     """Of the status page on this machine; 0 any that is free, None for no page."""
@@ -124,7 +124,7 @@ class Config(DocumentModel):
     """A series that is known to miss instances is worked on all the same when nothing was added for so long."""
     keep_days: Annotated[float, Field(gt=0, le=36_500)] = 30.0
     names_in_logs: bool = False
-    audit: Line = "audit.log"
+    audit: Label = "audit.log"
     """A file in the folder, or syslog://HOST:PORT."""
     limits: Limits = Limits()
     jobs: Jobs = Jobs()

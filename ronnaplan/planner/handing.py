@@ -109,13 +109,18 @@ class Handing:
             self._require_files()
         except RonnaplanError as error:
             raise web.HTTPUnprocessableEntity(text=str(error)) from error
-        async with self._making:
-            with tempfile.TemporaryDirectory() as folder:
-                for document, path in self._storage.found.items():
-                    shutil.copyfile(path, Path(folder) / document)
-                target = Path(folder) / f"made-{name}"
-                await _run(*(part.replace("{case}", folder) for part in command), "-o", str(target))
-                return target.read_bytes()
+        try:
+            async with self._making:
+                with tempfile.TemporaryDirectory() as folder:
+                    for document, path in self._storage.found.items():
+                        shutil.copyfile(path, Path(folder) / document)
+                    target = Path(folder) / f"made-{name}"
+                    await _run(*(part.replace("{case}", folder) for part in command), "-o", str(target))
+                    return target.read_bytes()
+        except OSError as error:  # as on a disk without room for temporary files
+            raise web.HTTPInsufficientStorage(
+                text=f"{name} cannot be made ({printable(error.strerror or error)}); make room on the planner's disk"
+            ) from error
 
     async def _take(self, request: web.Request) -> web.Response:
         """Take a file of readings into the case's folder."""

@@ -259,7 +259,9 @@ def test_a_disk_without_room_for_temporary_files_is_said_plainly(
     monkeypatch.setattr("ronnaplan.documents.schemas.schema", full)
     status, out, told = run(["schema", "plan"], capsys)
     assert (status, out) == (1, "")
-    assert told == "ronnaplan: no room; make room on the disk, or name another folder for temporary files by TMPDIR\n"
+    assert (
+        told == "ronnaplan: no room; make room on the disk, or name another folder for temporary files by TMPDIR\n"
+    )
 
 
 def test_an_error_of_the_system_that_is_of_no_file_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+from tests.cli.calls import run
+
 ROOT = Path(__file__).resolve().parents[2]
 COUNT = """
 import json, sys
@@ -93,3 +97,12 @@ assert find_outlines(image, Camera(matrix, np.zeros(5), np.eye(4)))
 print(json.dumps([prepared, compiled()]))
 """
 )
+
+
+def test_what_cannot_be_kept_is_not_prepared(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("kernelcache.homeless", ["a kernel"])
+    status, _, told = run(["prepare"], capsys)
+    assert (status, told.count("\n")) == (1, 1)
+    assert "NUMBA_CACHE_DIR" in told

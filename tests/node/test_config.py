@@ -46,6 +46,10 @@ def test_the_example_is_a_configuration_that_listens_on_this_machine_only(tmp_pa
         ("port = 4242\npage_port = 4242", "page_port: 4242 is the port that peers send to"),
         ("port = 2020-01-01", r"\(port: Input should be a valid integer\)"),
         ("[[rule]]\nname = 2020-01-01", r"\(rule.0.name: Input should be a valid string\)"),
+        ("host = ''", r"\(host: "),  # it would listen on every address
+        ("[[peer]]\nname = 'a'\nhost = ' '", r"\(peer.0.host: "),
+        ("folder = ''", r"\(folder: "),
+        ("audit = ''", r"\(audit: "),
         ("port = ", "not a node's configuration"),
     ],
 )

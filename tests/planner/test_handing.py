@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import itertools
 import json
 from http import HTTPStatus
@@ -99,6 +100,26 @@ def test_why_a_file_cannot_be_made_is_told_without_the_command_s_name(storage: S
             assert refused.status == HTTPStatus.UNPROCESSABLE_ENTITY
             assert (await refused.text()).startswith(f"there is no file or folder {origin.ct}")
 
+    run(asked())
+
+
+def test_a_disk_without_room_is_told_and_the_server_does_not_fail(
+    storage: Storage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    async def asked() -> None:
+        application = web.Application()
+        application.add_routes(Handing(storage, Origin(tmp_path), lambda: None, lambda: None).routes())
+        async with TestClient(TestServer(application)) as client:
+            refused = await client.get("/download/report.html")
+            assert refused.status == HTTPStatus.INSUFFICIENT_STORAGE
+            assert await refused.text() == (
+                "report.html cannot be made (No space left on device); make room on the planner's disk"
+            )
+
+    monkeypatch.setattr("shutil.copyfile", full)
     run(asked())
 
 
