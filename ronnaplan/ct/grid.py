@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,8 +25,32 @@ TILT_TOLERANCE_DEG = 0.5
 CUBE_TOLERANCE = 0.01
 """Voxels whose edges differ by this share at most are cubes."""
 
-SMALLEST_VOXEL_MM3 = 1e-9
-"""No voxel is smaller."""
+PIXEL_SIZE_RANGE_MM: Final = (1e-3, 100.0)
+"""Pixel spacings outside are a damaged header or another unit."""
+
+FARTHEST_MM: Final = 1e5
+"""Positions beyond 100 m from the origin are a damaged header."""
+
+PERPENDICULAR_TOLERANCE: Final = 2e-4
+"""Largest departure of written directions from perpendicular unit vectors (cosines rounded to 4 decimals)."""
+
+LEAST_STACKING: Final = 0.1
+"""Cosine between the slice axis and the normal, below which slices do not stack."""
+
+
+def require_grid(affine: FloatArray) -> None:
+    """Raise `InputError` unless the voxels (k, j, i, 1) that an affine (4, 4) maps to LPS mm are those of a scan."""
+    slice_step, row_step, column_step, origin = affine[:3].T
+    lengths = [float(np.linalg.norm(step)) for step in (column_step, row_step, slice_step)]
+    low, high = PIXEL_SIZE_RANGE_MM
+    if not all(low <= length <= high for length in lengths):
+        raise InputError(f"its voxels measure {lengths} mm, expected {low} to {high} mm each way")
+    if not float(np.abs(origin).max()) <= FARTHEST_MM:
+        raise InputError("it lies more than 100 m from the origin")
+    if abs(column_step @ row_step) > PERPENDICULAR_TOLERANCE * lengths[0] * lengths[1]:
+        raise InputError("it has rows and columns that are not perpendicular; convert it without shear")
+    if abs(float(slice_step @ np.cross(column_step, row_step))) < LEAST_STACKING * np.prod(lengths):
+        raise InputError("it has slices that do not stack; convert it again")
 
 
 @dataclass(frozen=True)
@@ -119,12 +144,12 @@ class SliceGrid:
             matrix = np.asarray(affine, dtype=np.float64)
         except (TypeError, ValueError) as error:
             raise InputError("the affine is not made of numbers; expected (4, 4)") from error
-        if (
-            matrix.shape != (4, 4)
-            or not np.isfinite(matrix).all()
-            or abs(np.linalg.det(matrix[:3, :3])) < SMALLEST_VOXEL_MM3
-        ):
-            raise InputError("the affine is no finite, invertible (4, 4) that maps (k, j, i, 1) to LPS mm")
+        if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or (matrix[3] != (0, 0, 0, 1)).any():
+            raise InputError("the affine is no finite (4, 4) that maps (k, j, i, 1) to LPS mm and ends in 0 0 0 1")
+        try:
+            require_grid(matrix)
+        except InputError as error:
+            raise InputError(f"the affine is none of a scan: {error}") from error
         return matrix
 
     @classmethod

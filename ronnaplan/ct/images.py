@@ -14,7 +14,7 @@ from typing import BinaryIO, Final
 import numpy as np
 
 from ronnaplan.ct.files import DamagedError, open_regular
-from ronnaplan.ct.grid import SliceGrid
+from ronnaplan.ct.grid import SliceGrid, require_grid
 from ronnaplan.ct.image_header import ImageHeader, StoredVoxels
 from ronnaplan.ct.image_voxels import UNPACKING_ERRORS, read_voxels, unpacked
 from ronnaplan.ct.limits import DEFAULT_LIMITS, GIB, Limits
@@ -22,7 +22,6 @@ from ronnaplan.ct.metaimage import meta_header
 from ronnaplan.ct.nifti import nifti_header
 from ronnaplan.ct.nrrd import nrrd_header
 from ronnaplan.ct.slices import CT_ONLY
-from ronnaplan.ct.stack import FARTHEST_MM, PIXEL_SIZE_RANGE_MM
 from ronnaplan.ct.volume import CTVolume, SeriesSource, VolumeFlag
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
@@ -36,10 +35,6 @@ _READERS: Final[dict[str, Callable[[Path, BinaryIO, Limits], ImageHeader]]] = {
     ".mha": meta_header,
     ".mhd": meta_header,
 }
-PERPENDICULAR_TOLERANCE: Final = 1e-4
-"""Largest cosine between rows and columns that still counts as perpendicular."""
-LEAST_STACKING: Final = 0.1
-"""Least cosine between the slices' normal and the step from slice to slice."""
 
 
 def is_image_file(path: Path) -> bool:
@@ -122,18 +117,12 @@ def _check_size(shape: tuple[int, int, int], limits: Limits) -> None:
 
 
 def _grid(lps_from_index: FloatArray, count: int) -> tuple[SliceGrid, bool]:
+    try:
+        require_grid(lps_from_index[:, [2, 1, 0, 3]])
+    except InputError as error:
+        raise DamagedError(str(error)) from error
     column_step, row_step, slice_step, origin = lps_from_index[:3].T
-    lengths = [float(np.linalg.norm(step)) for step in (column_step, row_step, slice_step)]
-    low, high = PIXEL_SIZE_RANGE_MM
-    if not all(low <= length <= high for length in lengths):
-        raise DamagedError(f"its voxels measure {lengths} mm, expected {low} to {high} mm each way")
-    if not float(np.abs(origin).max()) <= FARTHEST_MM:
-        raise DamagedError("it lies more than 100 m from the origin")
-    if abs(column_step @ row_step) > PERPENDICULAR_TOLERANCE * lengths[0] * lengths[1]:
-        raise DamagedError("it has rows and columns that are not perpendicular; convert it without shear")
-    along = float(slice_step @ np.cross(column_step, row_step)) / (lengths[0] * lengths[1])
-    if abs(along) < LEAST_STACKING * lengths[2]:
-        raise DamagedError("it has slices that do not stack; convert it again")
+    along = float(slice_step @ np.cross(column_step, row_step))
     numbers = np.arange(count, dtype=np.float64)
     origins = origin + numbers[:: -1 if along < 0 else 1, np.newaxis] * slice_step
     return SliceGrid(origins, row_step, column_step), along < 0

@@ -17,15 +17,19 @@ import numpy as np
 from ronnaplan.ct.apart import PASSES, share_plane, what_differs
 from ronnaplan.ct.codecs import tells_loss
 from ronnaplan.ct.derived import flags_of
-from ronnaplan.ct.grid import TILT_TOLERANCE_DEG, SliceGrid
+from ronnaplan.ct.grid import (
+    FARTHEST_MM,
+    PERPENDICULAR_TOLERANCE,
+    PIXEL_SIZE_RANGE_MM,
+    TILT_TOLERANCE_DEG,
+    SliceGrid,
+)
 from ronnaplan.ct.header import DEFLATED_LITTLE
 from ronnaplan.ct.slices import SliceImage
 from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 
-PERPENDICULAR_TOLERANCE: Final = 2e-4
-"""Largest departure of written directions from perpendicular unit vectors (cosines rounded to 4 decimals)."""
 SAME_PLACE_TOLERANCE_MM: Final = 0.01
 """Slices nearer than this along the normal are at the same place (positions are often rounded to 0.01 mm)."""
 MULTIPLE_TOLERANCE: Final = 0.02
@@ -34,10 +38,6 @@ SIDEWAYS_TOLERANCE_MM: Final = 0.05
 """Slice origins farther than this from the straight line through the others are shifted sideways."""
 THICKNESS_TOLERANCE: Final = 0.01
 """Slices thicker than 1.01 times their spacing overlap."""
-PIXEL_SIZE_RANGE_MM: Final = (1e-3, 100.0)
-"""Pixel spacings outside are a damaged header or another unit."""
-FARTHEST_MM: Final = 1e5
-"""Positions beyond 100 m from the origin are a damaged header."""
 LEAST_SLICES: Final = 3
 """Two images may be two localizers; and two places tell nothing of an even spacing or a missing slice."""
 LARGEST_GAP_MM: Final = 30.0

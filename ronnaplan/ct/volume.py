@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ronnaplan.bounds import LARGEST_HU
 from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.identity import ScanIdentity
 from ronnaplan.ct.limits import fit_int16
@@ -195,10 +196,13 @@ class CTVolume(Gridded):
             raise UsageError(
                 f"voxels are {voxels.dtype} of shape {voxels.shape}; expected numbers (slices, rows, columns)"
             )
-        if not np.isfinite(voxels).all():
-            raise InputError("voxels hold values that are not finite; expected HU")
+        if np.ma.is_masked(voxels_hu):
+            raise InputError("voxels are masked; fill in what the scan has there")
+        low, high = voxels.min(), voxels.max()
+        if not -LARGEST_HU <= low <= high <= LARGEST_HU:
+            raise InputError(f"voxels hold values that are not finite numbers up to {LARGEST_HU:g}; expected HU")
         info = np.iinfo(np.int16)
-        fits = voxels.dtype.kind in "iu" and info.min <= voxels.min() and voxels.max() <= info.max
+        fits = voxels.dtype.kind in "iu" and info.min <= low and high <= info.max
         kept: Any = voxels.astype(np.int16 if fits else np.float32)
         source = SeriesSource(frame_of_reference_uid=frame_of_reference_uid)
         matrix = SliceGrid.checked_affine(affine)

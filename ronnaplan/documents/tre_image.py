@@ -34,7 +34,6 @@ def tre_image(document: RegistrationDocument, ct: str | os.PathLike[str] | None,
         raise UsageError(f"the map's file is '{name}'; expected a name that ends in {', '.join(SUFFIXES)}")
     if ct is None:
         raise UsageError("no scan was given for the map to lie on; name it with --ct")
-
     image = document.tre_map(_scan(ct, document.source)).to_sitk()
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder) / f"map{suffix}"

@@ -98,8 +98,15 @@ def test_what_no_regular_grid_holds_is_refused() -> None:
         (np.zeros((3, 4)), np.eye(4), r"shape \(3, 4\)"),
         (np.zeros((3, 4, 4), complex), np.eye(4), "complex128"),
         (np.full((3, 4, 4), np.nan), np.eye(4), "not finite"),
-        (np.zeros((3, 4, 4)), np.zeros((4, 4)), "no finite, invertible"),
-        (np.zeros((3, 4, 4)), np.eye(3), "no finite, invertible"),
+        (np.full((3, 4, 4), 1e30), np.eye(4), r"finite numbers up to 1e\+06"),
+        (np.ma.masked_equal(np.eye(4)[np.newaxis], 1.0), np.eye(4), "are masked"),
+        (np.zeros((3, 4, 4)), np.zeros((4, 4)), "ends in 0 0 0 1"),
+        (np.zeros((3, 4, 4)), np.eye(3), "ends in 0 0 0 1"),
+        (np.zeros((3, 4, 4)), np.eye(4) + np.eye(4, k=-3), "ends in 0 0 0 1"),
+        (np.zeros((3, 4, 4)), np.diag([1.5e-3, 1e-4, 1e-4, 1.0]), r"measure \[0\.0001, 0\.0001, 0\.0015\] mm"),
+        (np.zeros((3, 4, 4)), np.eye(4) + 2e5 * np.eye(4, k=3), "100 m from the origin"),
+        (np.zeros((3, 4, 4)), np.eye(4) + 0.01 * np.eye(4, k=-1) * [0, 1, 0, 0], "not perpendicular"),
+        (np.zeros((3, 4, 4)), np.diag([0, 1.0, 1.0, 1.0]) + np.eye(4, k=-1) * [1, 0, 0, 0], "do not stack"),
     ],
 )
 def test_what_is_no_scan_ends_in_one_sentence(voxels: object, affine: object, says: str) -> None:
