@@ -19,6 +19,9 @@ from ronnaplan.text import printable
 
 FloatArray = NDArray[np.float64]
 
+NO_NUMBERS = "bSUmM"
+"""Kinds of arrays that NumPy would turn into numbers: truth values, texts (such as `1_0`, too), times."""
+
 SYMMETRY_TOLERANCE = 1e-6
 """Largest asymmetry of a covariance, and largest variance below zero, relative to its largest entry."""
 
@@ -89,6 +92,8 @@ def as_numbers(values: ArrayLike, name: str, expected: str) -> FloatArray:
         given = np.asarray(values)
         if np.iscomplexobj(given):
             raise InputError(f"{name} are complex numbers; expected {expected}")
+        if given.dtype.kind in NO_NUMBERS:
+            raise InputError(f"{name} are not numbers; expected {expected}")
         return given.astype(np.float64, copy=False)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name} are not numbers; expected {expected}") from error
