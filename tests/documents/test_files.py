@@ -87,6 +87,13 @@ def test_a_link_is_followed_and_what_is_no_file_is_left_alone(tmp_path: Path) ->
     assert pipe.is_fifo()
 
 
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="links to open files are Linux's")
+def test_a_link_to_a_nameless_pipe_is_told_as_no_file() -> None:
+    read, write = os.pipe()
+    with os.fdopen(read), os.fdopen(write, "w"), pytest.raises(InputError, match=f"fd/{write} is no regular file"):
+        write_atomically(f"/proc/self/fd/{write}", "new")
+
+
 @pytest.mark.parametrize("content", [b'{"a": "\\ud800"}', b'"\\udfff"'])
 def test_text_that_no_encoding_can_hold_is_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "odd.json").write_bytes(content)
