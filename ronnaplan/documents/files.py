@@ -195,7 +195,9 @@ def check_target(path: str | os.PathLike[str]) -> None:
 
 
 def _check_place(path: str | os.PathLike[str], target: Path) -> None:
-    if Path(path).exists() and not Path(path).is_file():  # /dev/stdout is a link whose target has no name, of a pipe
+    if (
+        Path(path).exists() and not Path(path).is_file()
+    ):  # /dev/stdout is a link whose target has no name, of a pipe
         raise InputError(f"{os.fspath(path)} is no regular file; give the path of a file to write")
     if not target.parent.is_dir():
         raise InputError(
