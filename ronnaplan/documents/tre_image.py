@@ -44,7 +44,8 @@ def tre_image(document: RegistrationDocument, ct: str | os.PathLike[str] | None,
 def _write_whole(image: sitk.Image, path: Path) -> None:
     """Write an image file and read it back; raises `UnwrittenError` where it does not hold what was written.
 
-    Of a disk that takes no more SimpleITK tells nothing when it writes NIfTI, nor when it reads what was cut.
+    Of a disk that takes no more SimpleITK tells nothing when it writes NIfTI, nor when it reads what was cut; and where
+    a program that it runs in has set a locale of decimal commas, as Qt does, it writes them into NRRD.
     """
     import SimpleITK as sitk
 
@@ -60,7 +61,8 @@ def _write_whole(image: sitk.Image, path: Path) -> None:
 
 def _unwritten(path: Path) -> UnwrittenError:
     return UnwrittenError(
-        f"{path} could not be written whole; make room on its disk, or name another for temporary files by TMPDIR"
+        f"{path} cannot be read back as it was written; make room on its disk, name another for temporary files by "
+        "TMPDIR, or choose another kind of image"
     )
 
 

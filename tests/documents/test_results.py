@@ -94,7 +94,7 @@ def test_a_map_that_has_no_room_is_told_and_no_part_of_it_is_written(tmp_path: P
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
     try:
-        with pytest.raises(UnwrittenError, match="could not be written whole; make room"):
+        with pytest.raises(UnwrittenError, match="cannot be read back as it was written; make room"):
             write_as(tmp_path / name, document, "tre-map", tmp_path / "ct")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
