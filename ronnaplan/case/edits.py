@@ -51,7 +51,7 @@ class OpenCase:
         """Open the case of ``volume`` whose documents lie at ``files``, or will; raises what `Case` raises."""
         self._kept = KeptFiles(files)
         self.require_files = self._kept.require_there
-        case = self._read(volume, rules or Rules(), no_go or {})
+        case = self._kept.case(volume, rules or Rules(), no_go or {})
         self.volume, self.no_go, self.rules, self.surroundings = volume, case.no_go, case.rules, case.surroundings
         self.plan: Plan = Plan.of_scan(volume) if case.plan is None else case.plan
         self.fiducials, self.registration, self.placement = case.fiducials, case.registration, case.placement
@@ -70,7 +70,7 @@ class OpenCase:
         """
         if self.dragging:
             return False
-        return self._kept.look_again(lambda: self._take_over(self._read(self.volume, self.rules, self.no_go)))
+        return self._kept.look_again(lambda: self._take_over(self._kept.case(self.volume, self.rules, self.no_go)))
 
     def _take_over(self, case: Case) -> None:
         others = (case.fiducials, case.registration) != (self.fiducials, self.registration)
@@ -288,10 +288,6 @@ class OpenCase:
                 with suppress(InputError):
                     self.registration = kept.write(revised(renamed, kept.content))
         self.surroundings = self.surroundings.with_documents(self.rules, self.fiducials, self.registration)
-
-    def _read(self, volume: CTVolume, rules: Rules, no_go: Labels) -> Case:
-        """Return the documents as they were last seen, checked to belong together."""
-        return Case(volume, *self._kept.documents, self._kept.stated(rules), no_go, placement=self._kept.placed)
 
 
 def _ends_mm(one: Trajectory) -> tuple[float, ...]:

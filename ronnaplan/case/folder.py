@@ -90,6 +90,8 @@ class Case:
     no_go: Labels = field(default_factory=dict)
     hashes: tuple[tuple[str, str], ...] = ()
     placement: PlacementDocument | None = None
+    files: CaseFiles = field(default_factory=CaseFiles)
+    """Where the documents were read, by which a refusal names them."""
 
     def __post_init__(self) -> None:
         _require_one_scan(self)
@@ -137,6 +139,7 @@ def read_case(
         read_labels(no_go, volume),
         tuple(hashes),
         placement_at(files.placement) if files.placement else None,
+        files,
     )
 
 
@@ -201,17 +204,19 @@ def _require_one_scan(case: Case) -> None:
     stated = case.fiducials.source.voxel_sha256 if case.fiducials else None
     if case.volume is not None and stated not in (None, case.volume.voxel_sha256):
         raise InputError(
-            f"{FIDUCIALS} was made from other voxels than those of the scan; give the scan it was made from"
+            f"{case.files.fiducials or FIDUCIALS} was made from other voxels than those of the scan; give the scan it "
+            "was made from"
         )
 
 
 def _identities(case: Case) -> list[ScanIdentity]:
-    """Return which scan the scan is, and that of each document there is, by their names in a case."""
-    found = {
-        SCAN: case.volume,
-        FIDUCIALS: case.fiducials,
-        REGISTRATION: case.registration,
-        PLAN: case.plan,
-        PLACEMENT: case.placement,
-    }
-    return [replace(one.identity, name=name) for name, one in found.items() if one is not None]
+    """Return which scan the scan is, and that of each document there is, by their files or their names in a case."""
+    files = case.files
+    found = (
+        (SCAN, case.volume),
+        (files.fiducials or FIDUCIALS, case.fiducials),
+        (files.registration or REGISTRATION, case.registration),
+        (files.plan or PLAN, case.plan),
+        (files.placement or PLACEMENT, case.placement),
+    )
+    return [replace(one.identity, name=os.fspath(name)) for name, one in found if one is not None]

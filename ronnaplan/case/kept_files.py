@@ -6,8 +6,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from ronnaplan.case.folder import CaseFiles, placement_at
-from ronnaplan.case.surroundings import Rules
+from ronnaplan.case.folder import Case, CaseFiles, placement_at
+from ronnaplan.case.surroundings import Labels, Rules
+from ronnaplan.ct import CTVolume
 from ronnaplan.documents.fiducials import FiducialsDocument, read_fiducials
 from ronnaplan.documents.kept import Kept
 from ronnaplan.documents.limits import read_limits
@@ -34,6 +35,7 @@ class KeptFiles:
         """Read what there is of ``files``; raises `UsageError` unless the three that are written are named."""
         if files.plan is None or files.fiducials is None or files.registration is None:
             raise UsageError("a case is worked on in three files; name plan, fiducials and registration")
+        self._files = files
         self.plan = Kept(files.plan, read_plan, plan_text, merged)
         self.fiducials = Kept(files.fiducials, read_fiducials, to_json)
         self.registration = Kept(files.registration, read_registration, to_json)
@@ -46,6 +48,11 @@ class KeptFiles:
     def documents(self) -> Documents:
         """The documents as they were last seen."""
         return self.plan.content, self.fiducials.content, self.registration.content
+
+    def case(self, volume: CTVolume, rules: Rules, no_go: Labels) -> Case:
+        """Return the documents as they were last seen, checked to belong together."""
+        documents = *self.documents, self.stated(rules), no_go
+        return Case(volume, *documents, placement=self.placed, files=self._files)
 
     def stated(self, rules: Rules) -> Rules:
         """Return ``rules`` with the limits that were last seen in their file, if there is one."""

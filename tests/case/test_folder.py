@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from ronnaplan.case.folder import Case, CaseFiles, read_case, read_scan
+from ronnaplan.documents.plan import write_plan
 from ronnaplan.errors import FrameMismatchError, InputError
 from tests import cases
 
@@ -60,6 +62,15 @@ def test_a_scan_that_was_replaced_under_its_uids_is_not_the_documents(document: 
         replace(case, volume=replaced)
     elsewhere = replace(replaced, source=replace(volume.source, series_instance_uid="1.2.3"))
     assert replace(case, volume=elsewhere).volume is elsewhere, "another series of the frame is the same head"
+
+
+def test_a_document_of_another_scan_is_told_by_the_file_that_was_named(tmp_path: Path) -> None:
+    plan = tmp_path / "other.json"
+    write_plan(plan, cases.plan())
+    volume = cases.volume()
+    elsewhere = replace(volume, source=replace(volume.source, frame_of_reference_uid="1.9"))
+    with pytest.raises(FrameMismatchError, match=f"^{re.escape(str(plan))} is in frame"):
+        read_case(CaseFiles(plan), lambda: elsewhere)
 
 
 def test_documents_of_a_replaced_series_do_not_go_together_on_another_scan_of_the_frame_either() -> None:
