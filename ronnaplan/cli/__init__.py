@@ -8,6 +8,7 @@ import errno
 import gc
 import io
 import os
+import re
 import stat
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -43,6 +44,9 @@ NO_INPUTS = frozenset({"output", "to", "name"})
 NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.ENOENT})
 """What the system says where a disk takes no more; ENOENT, of no file: that no folder takes temporary ones."""
 
+NEGATIVE = re.compile(r"-(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?$")
+"""What begins with a minus and is a number."""
+
 GIVEN = "_given"
 """Where parsing keeps which options it met."""
 
@@ -74,6 +78,7 @@ class _Parser(argparse.ArgumentParser):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
+        self._negative_number_matcher = NEGATIVE  # before Python 3.14 argparse takes -1.5e-05 for an option
         for action in (None, "store"):  # an option that may be repeated says so by another action
             self.register("action", action, _Once)
 

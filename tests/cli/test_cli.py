@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from ronnaplan.cli import _parser, main
+from ronnaplan.cli import _parser, main, parse
 from ronnaplan.text import NOTICE
 from tests.cli.calls import run
 
@@ -247,6 +247,12 @@ def test_a_full_disk_or_a_closed_output_is_said_plainly(ending: str, ct_folder: 
         assert done.returncode == 1, name
         assert "standard output" in done.stderr, name
         assert done.stderr.count("\n") == 1, done.stderr
+
+
+@pytest.mark.parametrize("text", ["-1.5e-05", "-2E3", "-.5", "-7", "-7."])
+def test_a_negative_number_is_no_option_however_it_is_written(text: str) -> None:
+    given = parse(["register", "f.json", "r.csv", "--target", text, "5", "10"])
+    assert given.target == [[float(text), 5.0, 10.0]]
 
 
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.ENOENT])

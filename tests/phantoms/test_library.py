@@ -11,6 +11,7 @@ from phantoms.errors import PhantomError
 from phantoms.library import READY, ready
 from phantoms.markers import KINDS, marker, x_frame
 from phantoms.patients import random_patient
+from phantoms.stack import axial_stack
 
 
 @pytest.mark.parametrize("name", READY)
@@ -79,6 +80,12 @@ def test_random_patients_are_sound(kind: str) -> None:
 def test_too_many_markers_are_refused() -> None:
     with pytest.raises(PhantomError, match="ask for fewer"):
         random_patient(1, count=60)
+
+
+@pytest.mark.parametrize("spacing_mm", [1e-3, 1e-320])
+def test_more_slices_than_any_scan_has_are_refused(spacing_mm: float) -> None:
+    with pytest.raises(PhantomError, match="slices were asked for; expected at most 20000"):
+        axial_stack(start_mm=0.0, stop_mm=100.0, spacing_mm=spacing_mm)
 
 
 def test_a_slab_holds_only_the_slices_near_a_marker() -> None:
