@@ -4,7 +4,7 @@ Rays that run along a slice through the screw and the ball are weakened far more
 fainter there in a streak. Of a post that is tilted out of the slices, that is so at one of the ball's poles, which then
 seems to lie farther in: the center is moved away from it, by up to 56 um. The other slices show the ball as it is. What
 they say alone tells how far the others pull. The pull is a random effect, believed as far as it stands out from how
-well these slices tell the center.
+well these slices tell the center. Where they are too few to tell it, it is stated as error.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.ct.volume import CTVolume
+from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.algebra import inverse
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.cells import cell_directions
@@ -64,27 +65,59 @@ def without_the_screw(volume: CTVolume, fit: BallFit) -> BallFit:
     )
 
 
+def untold_mm2(volume: CTVolume, fit: BallFit) -> FloatArray:
+    """Covariance (3, 3) in LPS, mm^2, of the pull of a screw that leaves too few slices clear to tell it.
+
+    It makes one pole fainter, and so pulls across the slices. What crosses both halves alike does not.
+    """
+    fit = fit.drawn or fit
+    clear = _clear_heights_mm(volume, fit) if is_plain(fit) and fit.by_part_mm2 is None else None
+    if clear is None or max(clear) <= 0.0:
+        return np.zeros((3, 3))
+    above_mm, below_mm = (max(height_mm, 0.0) for height_mm in clear)
+    one_sided = (above_mm - below_mm) / (above_mm + below_mm)
+    across = fit.neighbourhood.axes[_across(fit)]
+    stated: FloatArray = (one_sided * CROSSED_PULL_MM) ** 2 * np.outer(across, across)
+    return stated
+
+
 def _clear_of_screws(volume: CTVolume, fit: BallFit) -> NDArray[np.bool_] | None:
-    """Whether no screw crosses the slices of the voxels (N,) of a fit; None where none or too many are crossed.
+    """Whether no screw crosses the slices of the voxels (N,) of a fit; None where none or too many are crossed."""
+    clear = _clear_heights_mm(volume, fit)
+    if clear is None:
+        return None
+    above_mm, below_mm = clear
+    radius_mm, width_mm = float(fit.theta[RADIUS]), float(fit.theta[WIDTH])
+    least_mm = max(LEAST_KEPT * 2.0 * radius_mm, ADAPTED_SLICES * max(width_mm, volume.grid.typical_gap_mm))
+    if max(clear) < least_mm:
+        return None
+    across = _across(fit)
+    heights_mm = fit.neighbourhood.offsets_mm[:, across] - fit.theta[CENTER][across]
+    is_clear: NDArray[np.bool_] = (
+        heights_mm > radius_mm - above_mm if above_mm > below_mm else heights_mm < below_mm - radius_mm
+    )
+    return is_clear
+
+
+def _clear_heights_mm(volume: CTVolume, fit: BallFit) -> tuple[float, float] | None:
+    """How much of a ball's height no screw crosses, from its upper and from its lower end; None where none crosses it.
 
     Slices as they were measured: rays run across the patient's axis in coronal and sagittal pictures, too.
     """
-    theta, around = fit.theta, fit.neighbourhood
-    radius_mm, width_mm = float(theta[RADIUS]), float(theta[WIDTH])
-    touching = cell_directions()[fit.verdict.state == 0] @ around.axes
+    radius_mm, width_mm = float(fit.theta[RADIUS]), float(fit.theta[WIDTH])
+    axes = fit.neighbourhood.axes
+    touching = cell_directions()[fit.verdict.state == 0] @ axes
     clear_mm = radius_mm + margin_mm(width_mm, fit.sigma_mm)
     metal_mm, _ = metal_beyond(volume, fit.center_mm, touching, clear_mm, fit.ceiling_hu)
     if not len(metal_mm):
         return None
-    across = int(np.abs(around.axes[:, 2]).argmax())
-    heights_mm = metal_mm @ around.axes[across]
-    gap_mm = volume.grid.typical_gap_mm
-    beside_mm = (width_mm + gap_mm) / 2.0
-    low_mm, high_mm = heights_mm.min() - beside_mm, heights_mm.max() + beside_mm
-    above_mm, below_mm = radius_mm - high_mm, low_mm + radius_mm
-    least_mm = max(LEAST_KEPT * 2.0 * radius_mm, ADAPTED_SLICES * max(width_mm, gap_mm))
-    if not least_mm <= max(above_mm, below_mm) < 2.0 * radius_mm:
-        return None
-    of_voxels_mm = around.offsets_mm[:, across] - theta[CENTER][across]
-    is_clear: NDArray[np.bool_] = of_voxels_mm > high_mm if above_mm > below_mm else of_voxels_mm < low_mm
-    return is_clear
+    heights_mm = metal_mm @ axes[_across(fit)]
+    beside_mm = (width_mm + volume.grid.typical_gap_mm) / 2.0
+    above_mm = radius_mm - float(heights_mm.max()) - beside_mm
+    below_mm = radius_mm + float(heights_mm.min()) - beside_mm
+    return None if max(above_mm, below_mm) >= 2.0 * radius_mm else (above_mm, below_mm)
+
+
+def _across(fit: BallFit) -> int:
+    """Which of a fit's axes leads across the slices that were measured."""
+    return int(np.abs(fit.neighbourhood.axes[:, 2]).argmax())

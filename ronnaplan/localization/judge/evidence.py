@@ -17,6 +17,7 @@ from ronnaplan.localization.fit.directions import Verdict
 from ronnaplan.localization.fit.guess import margin_mm
 from ronnaplan.localization.fit.parameters import WIDTH
 from ronnaplan.localization.judge.blur import Edge
+from ronnaplan.localization.judge.crossed import untold_mm2
 from ronnaplan.localization.judge.motion import Movement, movement
 from ronnaplan.localization.judge.uncertainty import center_covariance, pulled_mm2
 from ronnaplan.localization.search.look import held_by
@@ -81,6 +82,7 @@ class Evidence:
         clear_mm = fit.diameter_mm / 2.0 + margin_mm(float(fit.theta[WIDTH]), fit.sigma_mm)
         axis, is_metal = held_by(self.volume, fit.center_mm, left_out, clear_mm, fit.ceiling_hu)
         pull_mm2 = pulled_mm2(fit, axis, is_metal=is_metal or fit.may_be_metal)
+        pull_mm2 = pull_mm2 + untold_mm2(self.volume, fit)
         return center_covariance(fit, self.movement, pull_mm2, self.excess_mm)
 
     @cached_property

@@ -14,7 +14,7 @@ from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.examine import fit_place
 from ronnaplan.localization.fit.ball_fit import BallFit
-from ronnaplan.localization.judge.crossed import without_the_screw
+from ronnaplan.localization.judge.crossed import untold_mm2, without_the_screw
 from ronnaplan.localization.judge.evidence import Evidence
 from ronnaplan.localization.judge.uncertainty import noise_level
 from ronnaplan.localization.scanner.scan import Scan
@@ -83,12 +83,22 @@ def test_a_single_slice_that_is_clear_does_not_tell_a_center() -> None:
     assert fit_of(on_a_screw(25.0, streak=False, spacing_mm=3.0)).by_part_mm2 is None  # 17 um off by it
 
 
+def test_a_pull_that_too_few_clear_slices_would_tell_is_stated() -> None:
+    volume = on_a_screw(12.0, spacing_mm=1.5)
+    fit = fit_of(volume)
+    error_mm = fit.center_mm - CENTER_MM
+    assert fit.by_part_mm2 is None
+    assert error_mm[2] > 0.015
+    assert error_mm @ np.linalg.solve(stated_mm2(volume, fit), error_mm) < 7.8  # 10.3 where it is not
+
+
 @pytest.mark.parametrize("tilt_deg", [0.0, 60.0], ids=["along the slices", "steep"])
 def test_a_screw_that_crosses_both_halves_or_none_moves_nothing(tilt_deg: float) -> None:
     volume = on_a_screw(tilt_deg, streak=False)
     fit = fit_of(volume)
     assert fit.by_part_mm2 is None
     assert without_the_screw(volume, fit) is fit
+    assert np.abs(untold_mm2(volume, fit)).max() < 1e-6
 
 
 def test_where_no_pull_shows_the_center_stays() -> None:
