@@ -109,11 +109,12 @@ def fit_at(
     *,
     converged: bool,
     slopes: bool = True,
+    bends: bool = True,
 ) -> BallFit:
     """Return what a fit tells that ends at ``theta`` (P,); ``used`` (N,) marks the voxels ``around`` that informed it.
 
     What moves the center, and its shading, are told only of a fit that has ``converged``; ``slopes`` says whether its
-    contrast may slope.
+    contrast may slope, ``bends`` whether skin may be curved otherwise than a head is.
     """
     if not converged:  # its tests ask for nothing else
         around, used = around.select(used), np.ones(np.count_nonzero(used), dtype=np.bool_)
@@ -123,7 +124,7 @@ def fit_at(
     is_shaded = converged and ceiling_hu - theta[BACKGROUND] >= PLATEAU_SHARE * theta[CONTRAST]
     if is_shaded:
         by_radius = influence(_of_used(jacobian, used), prior.weight)[1]
-        shading = shaded(around, theta, residuals, jacobian, used, prior, slopes=slopes)
+        shading = shaded(around, theta, residuals, jacobian, used, prior, slopes=slopes, bends=bends)
         theta = np.append(theta[CENTER] + shading.shift_mm, theta[RADIUS:])
         residuals, moves, aside_mm = shading.residuals_hu, shading.influence_mm_per_hu, shading.aside_mm
     else:

@@ -29,6 +29,7 @@ from ronnaplan.localization.fit.descent import (
 )
 from ronnaplan.localization.fit.directions import Verdict
 from ronnaplan.localization.fit.guess import margin_mm
+from ronnaplan.localization.fit.model import has_layer
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import BLUR, CENTER, CONTRAST, EDGE, RADIUS, WIDTH
 from ronnaplan.localization.fit.skin import is_skin, lies_on_something, with_skin
@@ -99,7 +100,13 @@ def _fitted(candidate: Candidate, look: Look) -> BallFit:
         return _about_its_own_center(plain)
     around = around.select(near)
     on_skin = _settle_on_skin(around, *with_skin(theta, prior, verdict, around), ceiling_hu)
-    return _about_its_own_center(on_skin if is_skin(on_skin.theta) and _tells_more(on_skin, plain) else plain)
+    if not (is_skin(on_skin.theta) and _tells_more(on_skin, plain)):
+        return _about_its_own_center(plain)
+    if has_layer(theta):
+        return _about_its_own_center(on_skin)
+    # Only now, for a post would be taken for skin that is bent enough.
+    bent = _settle(around, on_skin.theta, on_skin.prior, ceiling_hu, (on_skin.verdict, on_skin.used))
+    return bent if bent.converged else on_skin
 
 
 def refit(fit: BallFit, around: Neighbourhood) -> BallFit:
@@ -174,6 +181,7 @@ def _settle(
     judged: Judged | None = None,
     *,
     slopes: bool = True,
+    bends: bool = True,
 ) -> BallFit:
     """Leave out the directions that disagree and fit again, until the choice is stable.
 
@@ -196,7 +204,7 @@ def _settle(
             theta, converged = descend(some, theta, prior, ceiling_hu)
         else:
             theta, converged = _first_descent(around, some, theta, prior, ceiling_hu)
-    return fit_at(around, theta, prior, verdict, used, ceiling_hu, converged=converged, slopes=slopes)
+    return fit_at(around, theta, prior, verdict, used, ceiling_hu, converged=converged, slopes=slopes, bends=bends)
 
 
 def _first_descent(
@@ -213,7 +221,7 @@ def _settle_on_skin(around: Neighbourhood, theta: FloatArray, prior: Prior, ceil
     """Settle on a guessed skin, whose level and place are fitted before directions are judged by them."""
     near = around.select(within_reach(*edge_depth(around.offsets_mm, theta)))
     theta, _ = descend(near, theta, prior, ceiling_hu)
-    return _settle(around, theta, prior, ceiling_hu)
+    return _settle(around, theta, prior, ceiling_hu, bends=False)
 
 
 def _is_hopeless(theta: FloatArray, verdict: Verdict, prior: Prior) -> bool:

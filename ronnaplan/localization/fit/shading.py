@@ -2,6 +2,7 @@
 
 The side of a ball that faces the head is seen by a harder beam, so its contrast slopes, the more the denser the ball
 is. And streaks are alike within a slice, not from slice to slice: each slice has a level and a contrast of its own.
+The skin that a ball lies on is curved more or less than a head is.
 The cavity of a hollow ball lies aside where its wall is not of one thickness, and the fit lies between its two centers.
 All of these are random effects: each is believed only as far as it stands out from the residuals (C. Henderson,
 Biometrics 31:423, 1975), so what a scan does not show does not disturb its fit. Where what a head does to the image
@@ -19,8 +20,10 @@ from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.algebra import inverse
 from ronnaplan.localization.fit.descent import Prior, layer_jacobian
+from ronnaplan.localization.fit.model import has_layer, has_skin
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood, first_of_each
 from ronnaplan.localization.fit.parameters import BACKGROUND, CENTER, CONTRAST
+from ronnaplan.localization.fit.skin import CURVATURE_SPREAD_PER_MM, bent
 
 SLOPE_PER_MM_HU = 1.5e-7
 """Standard deviation of the contrast's slope, as a share of the contrast in each mm and HU of contrast (physically
@@ -64,15 +67,19 @@ def shaded(
     prior: Prior,
     *,
     slopes: bool,
+    bends: bool,
 ) -> Shading:
-    """Give a fit at rest the shading that its residuals show; ``slopes`` says whether the contrast may.
+    """Give a fit at rest the shading that its residuals show; ``slopes`` and ``bends`` say what may.
 
     So is it told where the cavity of a hollow ball lies: beside its center, which is that of its outer surface.
     """
-    ball_hu = jacobian[:, CONTRAST] * theta[CONTRAST]
+    ball_hu, along_mm = jacobian[:, CONTRAST] * theta[CONTRAST], around.offsets_mm - theta[CENTER]
     is_hollow = prior.layer_mm < 0.0
-    more = ball_hu[:, np.newaxis] * (around.offsets_mm - theta[CENTER])[:, : 3 * slopes]
+    more = ball_hu[:, np.newaxis] * along_mm[:, : 3 * slopes]
     spread = [SLOPE_PER_MM_HU * theta[CONTRAST]] * more.shape[1]
+    if bends and has_skin(theta) and not has_layer(theta):  # what is wrapped around a ball may look like skin
+        more = np.column_stack([more, bent(along_mm, theta, jacobian)])
+        spread.append(CURVATURE_SPREAD_PER_MM)
     if is_hollow:
         more = np.hstack([more, layer_jacobian(around, theta, prior.layer_mm)])
         spread += [-UNEVEN * prior.layer_mm / np.sqrt(3.0)] * 3

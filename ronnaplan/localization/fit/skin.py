@@ -49,6 +49,10 @@ MIN_SKIN_HU = 250.0
 metal's streaks and 700 and more elsewhere, the haze to one side of a ball in cone beams and helices as skin of -130 to
 190, which displaced balls by up to 0.1 mm."""
 
+CURVATURE_SPREAD_PER_MM = 1.0 / 140.0
+"""Standard deviation of how the skin is curved about `SKIN_CURVATURE_PER_MM`: heads are flat at the temples, and round
+as a ball of 55 mm elsewhere. Taken for round, flat skin displaces balls by 2 to 8 um, away from it."""
+
 MIN_SKIN_DEPTH = 0.7
 """What a ball lies on is no nearer to its center than this share of its radius; a cone standing there looks sunk."""
 
@@ -69,6 +73,18 @@ def is_skin(theta: FloatArray) -> bool:
     depth_mm = 1.0 / max(float(np.linalg.norm(theta[SKIN_PLACE])), 1e-9)
     is_dense = has_layer(theta) or float(theta[SKIN_LEVEL_AT]) >= MIN_SKIN_HU
     return is_dense and depth_mm >= MIN_SKIN_DEPTH * float(theta[RADIUS])
+
+
+def bent(along_mm: FloatArray, theta: FloatArray, jacobian: FloatArray) -> FloatArray:
+    """How the model changes (N,) with the skin's curvature, HU mm, at places ``along_mm`` (N, 3) from the center.
+
+    By its derivatives (N, P) there: along the vector to the skin they are those by its height, times its distance.
+    """
+    place = theta[SKIN_PLACE]
+    depth_mm = along_mm @ place / np.linalg.norm(place)
+    beside_mm2 = np.sum(along_mm**2, axis=1) - depth_mm**2
+    changed: FloatArray = -np.linalg.norm(place) * (jacobian[:, SKIN_PLACE] @ place) * beside_mm2 / 2.0
+    return changed
 
 
 def share_on_skin(theta: FloatArray) -> float:

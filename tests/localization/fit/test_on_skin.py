@@ -162,6 +162,25 @@ def test_a_ball_on_a_round_head_is_not_drawn_to_the_skin(material: str, diameter
     assert abs(np.mean(errors_mm)) < 0.001  # 0.0015 to 0.0026 where the skin is fitted as if it were flat
 
 
+@pytest.mark.parametrize(
+    ("head_radius_mm", "most_mm"), [(50.0, 0.002), (2000.0, 0.0045)], ids=["a child's", "flat"]
+)
+def test_skin_that_is_rounder_or_flatter_than_most_hardly_displaces_a_ball(
+    head_radius_mm: float, most_mm: float
+) -> None:
+    """By 3.4 and 5.9 um, many times what was stated, where all skin is taken for round as most heads are."""
+    generator = np.random.default_rng(10)
+    errors_mm, normalized = [], []
+    for seed in range(4):
+        scene, center, outward = on_a_head(generator, head_radius_mm, 8.0, "ceramic", gap_mm=0.1)
+        found = localize(scan(scene, small_stack(), seed=seed), diameter_mm=8.0, expected=1)[0]
+        error_mm = found.center_mm - center
+        errors_mm.append(error_mm @ outward)
+        normalized.append(error_mm @ np.linalg.solve(found.covariance_mm2, error_mm))
+    assert abs(np.mean(errors_mm)) < most_mm
+    assert np.mean(normalized) < chi2.ppf(0.99, 3)
+
+
 def test_a_bright_ball_on_a_short_post_is_not_drawn_to_the_skin() -> None:
     """What stands beneath is skin and a post of its level; a fit that knows of skin only is off by 0.026 mm."""
     generator = np.random.default_rng(9)
