@@ -26,6 +26,9 @@ from tests.planner.conftest import reopened
 TURN, SHIFT_MM = Rotation.from_rotvec([0.06, -0.08, 0.1]).as_matrix(), np.array([7.0, -5.0, 4.0])
 SPACING_MM = 3.0
 
+CELL_MM = 4.0
+"""So wide cells tell as much here; of those that the planner takes a registration takes ten times as long."""
+
 
 @cache
 def other_image(uid: str | None) -> CTVolume:
@@ -51,7 +54,7 @@ def other_image(uid: str | None) -> CTVolume:
 def test_registration_finds_where_the_head_lies_and_says_how_sure(
     state: PlannerState, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ronnaplan.planner.second.CELL_MM", SPACING_MM)  # finer ones take four times as long
+    monkeypatch.setattr("ronnaplan.planner.second.CELL_MM", CELL_MM)
     state.take_second(other_image(None), "mr.nii")
     second = state.other
     assert not second.placed
@@ -86,7 +89,7 @@ def test_an_image_whose_header_exchanges_left_and_right_is_told(
     state: PlannerState, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A head fits its mirror image as well as two starts can tell."""
-    monkeypatch.setattr("ronnaplan.planner.second.CELL_MM", SPACING_MM)
+    monkeypatch.setattr("ronnaplan.planner.second.CELL_MM", CELL_MM)
     mirrored = replace(other_image(None), voxels_hu=other_image(None).voxels_hu[:, :, ::-1])
     state.take_second(mirrored, "mr.nii")
     state.other.register()
@@ -106,8 +109,8 @@ def test_a_head_that_is_its_own_mirror_image_tells_nothing_of_exchanged_sides() 
     here = scan.grid
     there = SliceGrid(here.origins_mm @ TURN.T + SHIFT_MM, here.row_step_mm @ TURN.T, here.column_step_mm @ TURN.T)
     found = align(
-        Field.of(replace(scan, voxels_hu=even), SPACING_MM),
-        Field.of(replace(scan, voxels_hu=noisy, grid=there), SPACING_MM),
+        Field.of(replace(scan, voxels_hu=even), CELL_MM),
+        Field.of(replace(scan, voxels_hu=noisy, grid=there), CELL_MM),
     )
     assert found.apart_mm < 1.0
     assert found.exchanged == ()
