@@ -17,6 +17,9 @@ from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanwide.thick import as_thin
 from tests.scans import balls, offsets_mm, scan, small_stack
 
+CLOSE = {"start_mm": -15, "stop_mm": 15, "matrix": 80, "field_of_view_mm": 40}
+"""A slab that holds one ball of 6 mm and what skin it stands on."""
+
 
 def test_a_ball_on_a_half_space_of_skin_is_found() -> None:
     scene = Scene((Part(half_space((0, 0, -5.1), (0, 0, 1)), "skin"),)) + balls(
@@ -48,7 +51,7 @@ def test_a_small_plastic_ball_on_skin_is_found(diameter_mm: float, gap_mm: float
     generator = np.random.default_rng(5)
     for seed in range(4):
         scene, center, _ = on_a_head(generator, 70.0, diameter_mm, gap_mm=gap_mm)
-        volume = scan(scene, small_stack(spacing_mm=0.8), blur_mm=0.55, seed=seed)
+        volume = scan(scene, small_stack(**CLOSE, spacing_mm=0.8), blur_mm=0.55, seed=seed)
         found = localize(volume, diameter_mm=diameter_mm, expected=1)[0]
         error_mm = found.center_mm - center
         assert np.linalg.norm(error_mm) < 0.03
@@ -145,7 +148,7 @@ def test_a_peg_with_a_round_end_is_no_ball_on_skin(diameter_mm: float) -> None:
         peg = cylinder((0.2, 0.1, -0.7 * diameter_mm), (0.0, 0.0, 1.0), 0.7 * diameter_mm, diameter_mm)
         scene = Scene((skin, Part(peg, "acrylic"))) + balls([(0.2, 0.1, 0.0)], diameter_mm)
         found = localize(
-            scan(scene, small_stack(spacing_mm=0.8), blur_mm=0.55, seed=seed), diameter_mm=diameter_mm
+            scan(scene, small_stack(**CLOSE, spacing_mm=0.8), blur_mm=0.55, seed=seed), diameter_mm=diameter_mm
         )
         assert len(found) == 0
 
@@ -156,7 +159,7 @@ def test_a_ball_on_a_round_head_is_not_drawn_to_the_skin(material: str, diameter
     errors_mm = []
     for seed in range(6):
         scene, center, outward = on_a_head(generator, 85.0, diameter_mm, material)
-        stack = small_stack(spacing_mm=0.6, thickness_mm=0.6)
+        stack = small_stack(**CLOSE, spacing_mm=0.6, thickness_mm=0.6)
         found = localize(scan(scene, stack, blur_mm=0.65, seed=seed), diameter_mm=diameter_mm, expected=1)
         errors_mm.append((found.centers[0] - center) @ outward)
     assert abs(np.mean(errors_mm)) < 0.001  # 0.0015 to 0.0026 where the skin is fitted as if it were flat
@@ -194,7 +197,7 @@ def test_a_bright_ball_on_a_short_post_is_not_drawn_to_the_skin() -> None:
         )
         ball = Part(sphere(tuple(center), 6.0), "ceramic", "ball", embedded=True)
         scene = Scene((head, post, ball))
-        volume = scan(scene, small_stack(spacing_mm=0.8, thickness_mm=0.8), blur_mm=0.55, seed=seed)
+        volume = scan(scene, small_stack(**CLOSE, spacing_mm=0.8, thickness_mm=0.8), blur_mm=0.55, seed=seed)
         errors_mm.append((localize(volume, diameter_mm=6.0, expected=1).centers[0] - center) @ outward)
     assert abs(np.mean(errors_mm)) < 0.003
 
@@ -203,7 +206,7 @@ def test_a_bright_ball_on_a_short_post_is_not_drawn_to_the_skin() -> None:
 def test_a_metal_balls_streaks_do_not_pull_it_towards_the_skin(bright_along_deg: float) -> None:
     center, outward = np.array([0.6, -0.3, 0.2]), np.array([0.3, -0.9, 0.3])
     skin = Scene((Part(half_space(tuple(center - 2.05 * outward), tuple(outward)), "skin"),))
-    stack = small_stack(spacing_mm=0.6, thickness_mm=0.6)
+    stack = small_stack(**CLOSE, spacing_mm=0.6, thickness_mm=0.6)
     clean = scan(skin + balls([tuple(center)], 4.0, "titanium"), stack, blur_mm=0.65)
     u, v, w = offsets_mm(clean, center)
     turn = np.arctan2(v, u) - np.radians(bright_along_deg)
