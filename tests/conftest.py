@@ -14,8 +14,11 @@ from tests import isolation, shared
 settings.register_profile("the same each time", derandomize=True, deadline=None)
 settings.load_profile("the same each time")
 
-LONG = ("browser", "test_readme", "test_kernelcache")
+LONG = ("browser", "test_readme", "test_kernelcache", "test_start_page")
 """Parts of the names of files that take longest."""
+
+WAITING = ("/planner/test_browser", "/node/", "/cohort/")
+"""Parts of the paths of files whose tests wait for a page or for other processes, for half of their time and more."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -42,5 +45,15 @@ def pytest_collect_file() -> Generator[None, list[pytest.Collector], list[pytest
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the files that take longest: so no core waits long for the other's last one."""
-    items.sort(key=lambda item: not any(part in item.path.name for part in LONG))
+    """Begin with the files that take longest: so no core waits long for the other's last one.
+
+    Those that wait are spread evenly among those that compute: so none waits as several of them run at a time.
+    """
+    files = list(dict.fromkeys(item.path for item in items))
+    files.sort(key=lambda path: not any(part in path.name for part in LONG))
+    waits = [any(part in path.as_posix() for part in WAITING) for path in files]
+    place = {
+        path: waits[:n].count(waits[n]) / waits.count(waits[n])  # among its like
+        for n, path in enumerate(files)
+    }
+    items.sort(key=lambda item: place[item.path])

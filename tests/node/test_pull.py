@@ -181,8 +181,11 @@ def test_a_dicomweb_archive_that_is_not_there_is_told_at_once_and_in_a_sentence(
 @pytest.mark.parametrize(
     ("busy", "says"), [(1, "has no such study"), (9, "answered 503 Service Unavailable by DICOMweb")]
 )
-def test_a_dicomweb_archive_that_is_busy_is_asked_again(tmp_path: Path, busy: int, says: str) -> None:
-    asked: list[str] = []
+def test_a_dicomweb_archive_that_is_busy_is_asked_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, busy: int, says: str
+) -> None:
+    asked, waited = list[str](), list[float]()
+    monkeypatch.setattr(time, "sleep", waited.append)
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
@@ -201,6 +204,7 @@ def test_a_dicomweb_archive_that_is_busy_is_asked_again(tmp_path: Path, busy: in
             pull(Config(), peer, Wanted("1.2"), tmp_path)
         server.shutdown()
     assert len(asked) == min(busy + 1, 5)
+    assert waited == ([2.0, 4.0, 8.0] if busy > 1 else [])
 
 
 @pytest.mark.parametrize("date", ["20260231", "00000000", "20261301-", "20260201-20260131", "2026-01-01"])
