@@ -12,6 +12,8 @@ from ronnaplan.cli import _parser, main
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+SMALL = (70, 100)
+"""Pixels of the report's picture of the head: rows, columns."""
 SERVERS = ("view",)
 """Verbs that do not end by themselves; their arguments are parsed."""
 
@@ -34,6 +36,7 @@ def test_every_command_runs_as_printed(
     home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(home)
+    monkeypatch.setattr("ronnaplan.report.overview.SHAPE", SMALL)
     run = commands(README)
     assert len(run) > 10
     for arguments in run:

@@ -37,6 +37,7 @@ def test_every_command_of_the_page_does_what_it_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("ronnaplan.report.overview.SHAPE", (70, 100))
     run = [[str(ROOT / word) if word.startswith("data/") else word for word in line] for line in commands()]
     assert {tuple(line[:2]) for line in run} >= {("robot", "place"), ("plan", "template"), ("report", ".")}
     told = ""

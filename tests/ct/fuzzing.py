@@ -261,7 +261,7 @@ def _image(
 class DicomBorder(Border):
     """Series of three slices in each kind of file, with one to three changes."""
 
-    inputs_in_tests = 2500
+    inputs_in_tests = 1500
 
     def __init__(self) -> None:
         self.series = seeds()

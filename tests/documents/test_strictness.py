@@ -190,8 +190,9 @@ def write(file: Path, text: str) -> None:
 
 
 def leaves(value: Any, place: Place = ()) -> Iterator[tuple[Place, Any]]:
-    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    for key, child in items:
+    """All that is no list and no object; of a list of three and more, of the first and of the last entry."""
+    items = list(value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ())
+    for key, child in items if isinstance(value, dict) else items[:1] + items[1:][-1:]:
         yield from leaves(child, (*place, key))
     if not isinstance(value, dict | list):
         yield place, value

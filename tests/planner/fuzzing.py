@@ -120,7 +120,7 @@ OTHERS: tuple[Any, ...] = (
 class PlannerBorder(ServerBorder):
     """A planner of its own on the case of the tests."""
 
-    inputs_in_tests = 80
+    inputs_in_tests = 40
     routes = (
         (b"GET", "/download/{}", ""),
         (b"PUT", "/readings", "name"),
