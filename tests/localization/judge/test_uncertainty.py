@@ -135,8 +135,7 @@ def test_noise_that_is_correlated_within_the_slice_counts_for_what_it_is(quiet: 
 
 @pytest.mark.parametrize("across_slices", [(1, 1, 1), (1, -2, 1)], ids=["shared", "alternating"])
 def test_noise_of_overlapping_slices_counts_for_what_it_is(across_slices: tuple[int, ...]) -> None:
-    stack = small_stack(thickness_mm=1.5, spacing_mm=0.5, start_mm=-9, stop_mm=15, matrix=64, field_of_view_mm=32)
-    ball = scan(balls([(1.0, 2.0, 3.0)]), stack, noise_hu=0.0)
+    ball = scan(balls([(1.0, 2.0, 3.0)]), small_stack(thickness_mm=1.5, spacing_mm=0.5), noise_hu=0.0)
     generator = np.random.default_rng(3)
     fits = []
     for _ in range(12):
