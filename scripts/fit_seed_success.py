@@ -69,10 +69,8 @@ def success(rng: np.random.Generator, body: FloatArray, seeds: int, every: bool)
     )
     right = 0
     for found, hit in zip(matrices, hits, strict=True):
-        refined = [poses.refine(search, matrix) for matrix in found[hit > 0]]
-        right += any(
-            pose is not None and (pose.partner[:BODY] == np.arange(BODY)).mean() > 0.5 for pose in refined
-        )
+        refined = poses.refine(search, found[hit > 0])
+        right += any((pose.partner[:BODY] == np.arange(BODY)).mean() > 0.5 for pose in refined)
     passes = float(search.passes(np.array([float(BODY)]))[0])
     return right / seeds / passes
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ronnaplan.correspondence.pairing import IntArray
@@ -62,28 +61,35 @@ class Chance:
 
     def pair_probabilities(self, matrix: FloatArray, partner: IntArray) -> FloatArray:
         """Return the probability of each pair of a pose (3, 4), against outliers that meet and its neighbours."""
-        return self._meetings(matrix, partner)[1][partner >= 0]
+        return self._meetings(matrix, partner)[2][partner >= 0]
 
     def point_probabilities(self, matrix: FloatArray, partner: IntArray) -> FloatArray:
         """Return the probability of each point that it is of a pose's body, whichever of its neighbours it pairs with.
 
         Of points that compete those of the set in which they are fewer: no two of a set have one partner.
         """
-        near, _, odds = self._meetings(matrix, partner)
+        i, j, _, odds = self._meetings(matrix, partner)
         n, m = self.problem.counts
-        i, j = near.row, near.col + n
+        j = j + n
         sums = np.bincount(i, odds, n + m) + np.bincount(j, odds, n + m)
         probabilities = sums / (1.0 + sums)
         compete = odds > LEAST_ODDS
-        partners = coo_matrix((odds[compete], (i[compete], j[compete])), (n + m, n + m))
-        count, cluster = connected_components(partners, directed=False)
-        of_ct = np.bincount(cluster[:n], probabilities[:n], count)
-        of_ots = np.bincount(cluster[n:], probabilities[n:], count)
+        cluster = connected(i[compete], j[compete], n + m)
+        of_ct = np.bincount(cluster[:n], probabilities[:n], n + m)
+        of_ots = np.bincount(cluster[n:], probabilities[n:], n + m)
         is_ct = np.arange(n + m) < n
         return np.asarray(probabilities[is_ct == (of_ct <= of_ots)[cluster]])
 
-    def _meetings(self, matrix: FloatArray, partner: IntArray) -> tuple[coo_matrix, FloatArray, FloatArray]:
-        """Return which points lie near each other under a pose, the probability (n,) of each pair, and all odds.
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.problem.ots)
+
+    def _meetings(
+        self, matrix: FloatArray, partner: IntArray
+    ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+        """Return the points (L,) and (L,) that lie near each other under a pose, the probability (n,) of each pair.
+
+        The last are the odds (L,) of all.
 
         Markers of both sets, and the outliers of each, lie with densities of their own: the odds of points (i, j) at
         the distance r are those of the markers times N(r; 0, c), over the product of the outliers' there.  The
@@ -93,17 +99,32 @@ class Chance:
         problem, (n, m) = self.problem, self.problem.counts
         moved = problem.ct @ matrix[:, :3].T + matrix[:, 3]
         reach = 1.5 * PAIR_SIGMAS * problem.sigma_mm
-        near = cKDTree(moved).sparse_distance_matrix(cKDTree(problem.ots), reach, output_type="coo_matrix")
-        variance = problem.pair_variances(near.row, near.col)
-        likelihood = (2.0 * np.pi * variance) ** -1.5 * np.exp(-0.5 * near.data**2 / variance)
-        is_pair = partner[near.row] == near.col
-        i, j = near.row[is_pair], near.col[is_pair]
+        near = cKDTree(moved).sparse_distance_matrix(self._tree, reach, output_type="ndarray")
+        row, column = near["i"], near["j"]
+        variance = problem.pair_variances(row, column)
+        likelihood = (2.0 * np.pi * variance) ** -1.5 * np.exp(-0.5 * near["v"] ** 2 / variance)
+        is_pair = partner[row] == column
+        i, j = row[is_pair], column[is_pair]
         probabilities, of_ots = (partner >= 0).astype(np.float64), np.bincount(j, minlength=m).astype(np.float64)
         odds = likelihood
         for _ in range(ROUNDS):
             ct, ots = self.ct.density(1.0 - probabilities), self.ots.density(1.0 - of_ots)
-            odds = likelihood * self.ct.density(probabilities)[near.row] / (ct[near.row] * ots[near.col])
-            sums = np.bincount(near.row, odds, n)[i] + np.bincount(near.col, odds, m)[j]
+            odds = likelihood * self.ct.density(probabilities)[row] / (ct[row] * ots[column])
+            sums = np.bincount(row, odds, n)[i] + np.bincount(column, odds, m)[j]
             probabilities[:], of_ots[:] = 0.0, 0.0
             probabilities[i] = of_ots[j] = odds[is_pair] / (1.0 + sums - odds[is_pair])
-        return near, probabilities, odds
+        return row, column, probabilities, odds
+
+
+def connected(i: IntArray, j: IntArray, count: int) -> IntArray:
+    """Return for each of ``count`` points the first of those that it is connected with by pairs (i, j), its cluster."""
+    cluster = np.arange(count)
+    while True:
+        before = cluster.copy()
+        first = np.minimum(cluster[i], cluster[j])
+        for ends in (i, j):
+            np.minimum.at(cluster, before[ends], first)
+            np.minimum.at(cluster, ends, first)
+        cluster = cluster[cluster]
+        if (cluster == before).all():
+            return cluster

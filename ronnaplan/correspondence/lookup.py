@@ -13,8 +13,9 @@ from ronnaplan.correspondence.graph import distances
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.geometry import FloatArray
 
-Grid = tuple[Any, ...]
-"""Points sorted into cells, see `point_grid`."""
+Grid = tuple[IntArray, IntArray, NDArray[np.int16], FloatArray, FloatArray]
+"""Points sorted into cells, see `point_grid`.  Kernels hand its parts on one by one: to unpack it takes as long as
+to look a point up."""
 
 Table = tuple[Any, ...]
 """Points by distance, see `distance_table`."""
@@ -39,7 +40,7 @@ def side(points: FloatArray, a: int, b: int) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def square_to(points: FloatArray, p: int, x: float, y: float, z: float) -> float:
+def square_to(points: FloatArray, p: int | np.integer, x: float, y: float, z: float) -> float:
     """Return the squared distance of point p from (x, y, z)."""
     u, v, w = points[p, 0] - x, points[p, 1] - y, points[p, 2] - z
     square: float = u * u + v * v + w * w
@@ -74,14 +75,19 @@ def row_starts(row_sorted: FloatArray, step: float) -> NDArray[np.int16]:
 
 
 def point_grid(points: FloatArray, sigma_mm: float, reach_mm: float) -> Grid:
-    """Return points (m, 3) sorted into cells for `nearest`, and who is within ``reach_mm`` of each cell."""
+    """Return points (m, 3) sorted into cells for `nearest`, and who is within ``reach_mm`` of each cell.
+
+    Each cell's start, the points in that order, who is near each cell, the points and one that is far away, and the
+    cells: where they begin (x, y, z), how large they are, and their numbers along the axes.
+    """
     low = points.min(axis=0) - reach_mm
     extent = np.ptp(points, axis=0) + 2.0 * reach_mm
     most = min(CELLS_PER_AXIS * len(points) ** (1.0 / 3.0), MOST_CELLS_PER_AXIS)
     cell = max(LEAST_CELL_SIGMAS * sigma_mm, float(extent.max()) / most)
     shape = (extent / cell).astype(np.int64) + 1
     start, order, near = fill_grid(points, low, cell, shape, reach_mm)
-    return start, order, near, np.vstack((points, np.full(3, FAR_MM))), low, cell, shape
+    cells = np.array([*low, cell, *shape])
+    return start, order, near.ravel(), np.vstack((points, np.full(3, FAR_MM))), cells
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -115,21 +121,34 @@ def fill_grid(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def nearest(grid: Grid, points: FloatArray, x: float, y: float, z: float, radius: float) -> tuple[int, float]:
-    """Return the point nearest to (x, y, z) and its squared distance, -1 when none lies within ``radius``."""
-    start, order, _, _, low, cell, shape = grid
-    best, square = -1, radius * radius
-    a0, a1 = max(int((x - radius - low[0]) / cell), 0), min(int((x + radius - low[0]) / cell), shape[0] - 1)
-    b0, b1 = max(int((y - radius - low[1]) / cell), 0), min(int((y + radius - low[1]) / cell), shape[1] - 1)
-    c0, c1 = max(int((z - radius - low[2]) / cell), 0), min(int((z + radius - low[2]) / cell), shape[2] - 1)
+def nearest(
+    start: IntArray,
+    order: IntArray,
+    places: FloatArray,
+    cells: FloatArray,
+    x: float,
+    y: float,
+    z: float,
+    radius: float,
+) -> tuple[int, float]:
+    """Return the point nearest to (x, y, z) and its squared distance, -1 when none lies within ``radius``.
+
+    The first are of a `point_grid`.
+    """
+    best, square, step = -1, radius * radius, 1.0 / cells[3]
+    u, v, w = x - cells[0], y - cells[1], z - cells[2]
+    last_a, last_b, last_c = int(cells[4]) - 1, int(cells[5]) - 1, int(cells[6]) - 1
+    a0, a1 = max(int((u - radius) * step), 0), min(int((u + radius) * step), last_a)
+    b0, b1 = max(int((v - radius) * step), 0), min(int((v + radius) * step), last_b)
+    c0, c1 = max(int((w - radius) * step), 0), min(int((w + radius) * step), last_c)
     if c1 < c0:
         return best, square
     for a in range(a0, a1 + 1):
         for b in range(b0, b1 + 1):
-            first = (a * shape[1] + b) * shape[2]
+            first = (a * (last_b + 1) + b) * (last_c + 1)
             for q in range(start[first + c0], start[first + c1 + 1]):
                 p = order[q]
-                d = square_to(points, p, x, y, z)
+                d = square_to(places, p, x, y, z)
                 if d < square:
                     best, square = p, d
     return best, square

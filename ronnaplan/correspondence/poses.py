@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -178,15 +179,15 @@ def find_poses(
     draw = seed_stream(rng, len(problem.ct))
     with ThreadPoolExecutor(PARTS) as pool:
         while len(seeds := draw(batch)):
-            orders = np.argsort(rng.random((TRIAL_ORDERS, len(problem.ct))), axis=1)
-            trials = np.ascontiguousarray(orders[:, : MOST_TRIALS + 3])  # one layout: compiled once
+            trials = first_in_order(rng.random((TRIAL_ORDERS, len(problem.ct))), MOST_TRIALS + 3)
             known = np.array([pose.partner for pose in poses], dtype=np.int64).reshape(-1, len(problem.ct))
             found, work, finished = looked_up(search, seeds, trials, known, size, work_left, pool)
             done += len(seeds) if finished else 0
             for pose in found:
                 add_pose(poses, pose)
             work_left -= work
-            batch = int(np.clip(BATCH_SHARE * work_left * len(seeds) / max(work, 1), LEAST_BATCH, LARGEST_BATCH))
+            promised = BATCH_SHARE * work_left * len(seeds) / max(work, 1)
+            batch = int(min(max(promised, LEAST_BATCH), LARGEST_BATCH))
             if poses and (top := max(poses, key=lambda pose: pose.log_evidence)) is not best:
                 best, size = top, max(float(chance.pair_probabilities(top.matrix, top.partner).sum()), least_size)
             missed = float(search.missed(size, min(done / triangles, 1.0)))
@@ -198,6 +199,15 @@ def find_poses(
     return Found(poses, missed, done >= triangles, sure, work_allowed(problem) - work_left, chance)
 
 
+def first_in_order(values: FloatArray, most: int) -> IntArray:
+    """Return where in each row of ``values`` (R, N) the smallest are, up to so many, by size."""
+    if 4 * most < values.shape[1]:
+        smallest = np.argpartition(values, most, axis=1)[:, :most]
+        order = np.argsort(np.take_along_axis(values, smallest, axis=1), axis=1)
+        return np.ascontiguousarray(np.take_along_axis(smallest, order, axis=1))
+    return np.ascontiguousarray(np.argsort(values, axis=1)[:, :most])  # one layout: compiled once
+
+
 def weighed_anew(problem: Problem, poses: Sequence[Pose]) -> list[Pose]:
     """Return poses that were found with other errors, refined and weighed with those of a problem, best first."""
     anew = refined_poses(Search.of(problem, every=False), poses)
@@ -207,8 +217,8 @@ def weighed_anew(problem: Problem, poses: Sequence[Pose]) -> list[Pose]:
 def refined_poses(search: Search, poses: Sequence[Pose]) -> list[Pose]:
     """Return the distinct ones of ``poses`` that were found with other errors, refined with the search's."""
     anew: list[Pose] = []
-    for pose in poses:
-        add_pose(anew, refine(search, pose.matrix))
+    for pose in refine(search, np.array([pose.matrix for pose in poses]).reshape(-1, 3, 4)):
+        add_pose(anew, pose)
     return anew
 
 
@@ -220,7 +230,7 @@ def looked_up(
     size: float,
     most_work: float,
     pool: Executor,
-) -> tuple[list[Pose | None], float, bool]:
+) -> tuple[list[Pose], float, bool]:
     """Return the refined poses that seeds (S, 3) lead to, the work, and whether all of it was done.
 
     Poses are left soon that do not promise as many pairs as ``size``, or as any that could be handed on.
@@ -229,17 +239,18 @@ def looked_up(
     problem, table = search.problem, search.table
     share = 0.0 if search.every else float(search.share(max(size, search.needed[1] + 3)))
 
-    def of_part(part: IntArray) -> tuple[list[Pose | None], float, bool]:
+    def of_part(part: IntArray) -> tuple[list[Pose], float, bool]:
         matrices, hits, work, finished = poses_of_seeds(
             problem.ct, problem.ots, search.grid, part, trials, search.needed, (search.chance, share),
             table, problem.sigma_mm, search.sides_chi2, known, most_work / PARTS,
         )  # fmt: skip
-        fitted = [refine(search, matrix) for matrix in matrices[hits > 0]]
-        return fitted, work + REFINING_WORK * len(problem.ct) * len(fitted), finished
+        found = matrices[hits > 0]
+        return refine(search, found), work + REFINING_WORK * len(problem.ct) * len(found), finished
 
     # Few seeds may be costly: among 1,000 dense points one takes 40 ms.
     run = pool.map if len(seeds) > LEAST_BATCH or most_work > LEAST_SHARED_WORK else map
-    results = list(run(of_part, np.array_split(seeds, PARTS)))
+    ends = [math.ceil(len(seeds) * part / PARTS) for part in range(PARTS + 1)]
+    results = list(run(of_part, (seeds[first:end] for first, end in pairwise(ends))))
     poses = [pose for found, _, _ in results for pose in found]
     return poses, sum(work for _, work, _ in results), all(finished for *_, finished in results)
 
@@ -268,13 +279,11 @@ def needed_hits(rest: int, chance: float) -> tuple[int, int]:
     return max(first, least), max(all_points, least)
 
 
-def refine(search: Search, matrix: FloatArray) -> Pose | None:
-    """Fit a pose to all pairs it makes, repeatedly; None when too few remain or a known pair breaks."""
+def refine(search: Search, matrices: FloatArray) -> list[Pose]:
+    """Fit poses (K, 3, 4) to all pairs that they make, repeatedly; those of too few, or that break a known one, go."""
     problem = search.problem
     reaches = np.array(REFINING_SIGMAS) * problem.sigma_mm
-    matrix, partner = refined(problem.ct, problem.ots, search.grid, matrix, reaches)
-    if (partner >= 0).sum() < min(LEAST_PAIRS + max(search.needed[1], 1), len(problem.ct)):
-        return None
-    if (partner[problem.known[:, 0]] != problem.known[:, 1]).any():
-        return None
-    return Pose.weighed(problem, matrix, partner)
+    matrices, partners = refined(problem.ct, problem.ots, search.grid, matrices, reaches)
+    enough = (partners >= 0).sum(axis=1) >= min(LEAST_PAIRS + max(search.needed[1], 1), len(problem.ct))
+    holds = (partners[:, problem.known[:, 0]] == problem.known[:, 1]).all(axis=1)
+    return [Pose.weighed(problem, matrices[k], partners[k]) for k in np.flatnonzero(enough & holds)]

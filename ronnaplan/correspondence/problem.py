@@ -60,6 +60,11 @@ class Problem:
         variances: FloatArray = self.ct_errors.variances[i] + self.ots_errors.variances[j]
         return variances
 
+    @cached_property
+    def weights(self) -> FloatArray:
+        """1/variance (n, m) per axis of the difference of each possible pair."""
+        return np.asarray(1.0 / (self.ct_errors.variances[:, None] + self.ots_errors.variances))
+
     @property
     def is_anisotropic(self) -> bool:
         """Whether any error is stated as a full covariance."""

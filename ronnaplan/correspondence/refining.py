@@ -23,12 +23,13 @@ def partners_under(ct: FloatArray, ots: FloatArray, grid: Grid, pose: FloatArray
     An OTS point goes to the nearest CT point.
     """
     partner, taken_by, square = np.full(len(ct), -1), np.full(len(ots), -1), np.full(len(ots), np.inf)
+    start, order, _, places, cells = grid
     for i in range(len(ct)):
-        u, v, w = ct[i]
+        u, v, w = ct[i, 0], ct[i, 1], ct[i, 2]
         x = pose[0, 0] * u + pose[0, 1] * v + pose[0, 2] * w + pose[0, 3]
         y = pose[1, 0] * u + pose[1, 1] * v + pose[1, 2] * w + pose[1, 3]
         z = pose[2, 0] * u + pose[2, 1] * v + pose[2, 2] * w + pose[2, 3]
-        j, d = nearest(grid, ots, x, y, z, radius)
+        j, d = nearest(start, order, places, cells, x, y, z, radius)
         if j >= 0 and d < square[j]:
             if taken_by[j] >= 0:
                 partner[taken_by[j]] = -1
@@ -58,19 +59,30 @@ def fitted(x: FloatArray, y: FloatArray) -> FloatArray:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def refined(
-    ct: FloatArray, ots: FloatArray, grid: Grid, pose: FloatArray, reaches: FloatArray
+    ct: FloatArray, ots: FloatArray, grid: Grid, poses: FloatArray, reaches: FloatArray
 ) -> tuple[FloatArray, IntArray]:
-    """Fit a pose to the pairs within each of the ``reaches`` in turn; return it and its pairs within the last."""
-    partner = partners_under(ct, ots, grid, pose, reaches[0])
-    is_fitted = False
-    for step in range(1, len(reaches)):
-        if not is_fitted:
-            i = np.flatnonzero(partner >= 0)
-            if len(i) < 3:
-                break
-            pose = fitted(ct[i], ots[partner[i]])
-        elif reaches[step] == reaches[step - 1]:
-            continue
-        before, partner = partner, partners_under(ct, ots, grid, pose, reaches[step])
-        is_fitted = bool((before == partner).all())
-    return pose, partner
+    """Fit poses (K, 3, 4) to their pairs within each of the ``reaches`` in turn; return them and their pairs (K, n).
+
+    The pairs are those within the last reach.
+    """
+    fits, partners = poses.copy(), np.empty((len(poses), len(ct)), np.int64)
+    for k in range(len(poses)):
+        pose = poses[k]
+        partner = partners_under(ct, ots, grid, pose, reaches[0])
+        is_fitted = False
+        for step in range(1, len(reaches)):
+            if not is_fitted:
+                i = np.flatnonzero(partner >= 0)
+                if len(i) < 3:
+                    break
+                pose = fitted(ct[i], ots[partner[i]])
+            elif reaches[step] == reaches[step - 1]:
+                continue
+            before, partner = partner, partners_under(ct, ots, grid, pose, reaches[step])
+            is_fitted = bool((before == partner).all())
+        for i_ct in range(len(ct)):
+            partners[k, i_ct] = partner[i_ct]
+        for d in range(3):
+            for c in range(4):
+                fits[k, d, c] = pose[d, c]
+    return fits, partners

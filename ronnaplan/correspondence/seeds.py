@@ -104,12 +104,12 @@ def is_known(known: IntArray, corners: IntArray, p: int, q: int, r: int) -> bool
 def prepare_seeds(
     ct: FloatArray, seeds: IntArray, trials: IntArray, shares: tuple[float, float], sigma: float
 ) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, IntArray, FloatArray]:
-    """Return each seed's corners (S, 3), sides (S, 3), frame (S, 3, 4), trial points (S, T, 4), their number and line.
+    """Return each seed's corners (S, 3), sides (S, 3), frame (S, 3, 4), trial points (S, 4, T), their number and line.
 
     ``shares`` of the trial points are met by chance, and by a right pose.
     """
     corners, sides = np.empty((len(seeds), 3), np.int64), np.empty((len(seeds), 3))
-    frames, local = np.empty((len(seeds), 3, 4)), np.empty((len(seeds), trials.shape[1], 4))
+    frames, local = np.empty((len(seeds), 3, 4)), np.empty((len(seeds), 4, trials.shape[1]))
     tried, lines = np.empty(len(seeds), np.int64), np.empty((len(seeds), 2))
     for s in range(len(seeds)):
         a, b, c, ab, ac, bc = longest_side_first(ct, seeds[s])
@@ -135,19 +135,23 @@ def steps_of(sides: FloatArray, widest: float, step: float, steps: int) -> NDArr
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def triangles_at(
-    around: FloatArray, first: tuple[int, int], last: tuple[int, int], sides: FloatArray, limit: float,
+    around: FloatArray,
+    bounds: tuple[np.uint64, ...],
+    sides: tuple[float, ...],
+    limit: float,
     found: NDArray[np.int32],
-) -> int:  # fmt: skip
+) -> int:
     """Enter where in a row (q, r) of the OTS triangles (p, q, r) with these sides stand; return their number.
 
-    ``around`` (4, m): p's others by distance, and that distance.  q and r stand from ``first`` to ``last``.
+    ``around`` (4, m): p's others by distance, and that distance.  ``bounds``: where q begin and end, and r.
     """
+    q_first, q_end, r_first, r_end = bounds
     ab, ac, bc = sides
     square_bc, scale, count = bc * bc, 0.5 / max(bc, math.sqrt(limit)), 0
-    for q in range(first[0], last[0]):
+    for q in range(q_first, q_end):
         left = limit - (around[3, q] - ab) ** 2
         x, y, z = around[0, q], around[1, q], around[2, q]
-        for r in range(first[1], last[1]):
+        for r in range(r_first, r_end):
             u, v, w = around[0, r] - x, around[1, r] - y, around[2, r] - z
             of_bc, of_ac = scale * (u * u + v * v + w * w - square_bc), around[3, r] - ac
             if of_bc * of_bc + of_ac * of_ac <= left and r != q:  # one comparison, hardly ever true
@@ -158,13 +162,16 @@ def triangles_at(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def hand_on(
-    ct: FloatArray, grid: Grid, corners: IntArray, frame: FloatArray, met: FloatArray, least: int, sigma: float,
-    everyone: FloatArray, poses: FloatArray, hits: IntArray,
+    ct: FloatArray, near: NDArray[np.int16], places: FloatArray, cells: FloatArray, corners: IntArray,
+    frame: FloatArray, met: FloatArray, least: int, sigma: float, everyone: FloatArray, carried: FloatArray,
+    poses: FloatArray, hits: IntArray,
 ) -> int:  # fmt: skip
     """Enter the pose that brings the seed's ``frame`` onto ``met`` if it brings enough of all; return the work."""
     total = trial_points(ct, corners, frame, np.arange(len(ct)), sigma, everyone)
     lowest = np.argmin(hits)
-    count, work = count_hits(grid, met, everyone, total, max(least, hits[lowest] + 1), NO_LINE)
+    count, work = count_hits(
+        near, places, cells, met, everyone, total, max(least, hits[lowest] + 1), NO_LINE, carried
+    )
     if count > max(least - 1, hits[lowest]) or (total == 0 and least == 0):
         hits[lowest] = max(count, 1)
         rotation = np.ascontiguousarray(met[:, :3]) @ np.ascontiguousarray(frame[:, :3].T)
@@ -200,12 +207,13 @@ def poses_of_seeds(
     before ``most_work`` was done.
     """
     order, distance, starts, step = table
+    _, _, near, places, cells = grid
     poses, hits = np.empty((len(seeds), MOST_POSES, 3, 4)), np.zeros((len(seeds), MOST_POSES), np.int64)
     corners, sides, frames, local, tried, lines = prepare_seeds(ct, seeds, trials, shares, sigma)
     limit = sides_chi2 * 2.0 * sigma * sigma
     steps = steps_of(sides, math.sqrt(limit), step, starts.shape[1])
-    around, everyone, met = np.empty((4, len(ots))), np.empty((len(ct), 4)), np.empty((3, 4))
-    found = np.empty((len(ots) * len(ots), 2), np.int32)
+    around, everyone, met = np.empty((4, len(ots))), np.empty((4, len(ct))), np.empty((3, 4))
+    found, carried = np.empty((len(ots) * len(ots), 2), np.int32), np.empty((4, max(len(ct), trials.shape[1])))
     work = POINT_WORK * len(seeds) * trials.shape[1]
     for p in range(len(ots)):  # a row of distances is read once for all seeds
         for at in range(len(ots)):
@@ -213,23 +221,29 @@ def poses_of_seeds(
             around[0, at], around[1, at], around[2, at] = ots[q, 0], ots[q, 1], ots[q, 2]
             around[3, at] = distance[p, at]
         for s in range(len(seeds)):
-            first = starts[p, steps[s, 0]], starts[p, steps[s, 2]]
-            last = starts[p, steps[s, 1]], starts[p, steps[s, 3]]
-            work += ROW_WORK + SCAN_WORK * (last[0] - first[0]) * (last[1] - first[1])
+            # What cannot be negative, numba looks up without asking.
+            q_first, q_end = np.uint64(starts[p, steps[s, 0]]), np.uint64(starts[p, steps[s, 1]])
+            r_first, r_end = np.uint64(starts[p, steps[s, 2]]), np.uint64(starts[p, steps[s, 3]])
+            work += ROW_WORK + SCAN_WORK * int((q_end - q_first) * (r_end - r_first))
             if work > most_work:
                 return poses, hits, work, False
-            if first[0] == last[0] or first[1] == last[1]:
+            if q_first == q_end or r_first == r_end:
                 continue
-            count = triangles_at(around, first, last, sides[s], limit, found)
+            bounds, three = (q_first, q_end, r_first, r_end), (sides[s, 0], sides[s, 1], sides[s, 2])
+            count = triangles_at(around, bounds, three, limit, found)
+            if count == 0:
+                continue
+            of_seed, line = local[s], lines[s]
             for e in range(count):
                 q, r = order[p, found[e, 0]], order[p, found[e, 1]]
                 triangle_frame(ots, p, q, r, met)
-                number, done = count_hits(grid, met, local[s], tried[s], needed[0], lines[s])
+                number, done = count_hits(near, places, cells, met, of_seed, tried[s], needed[0], line, carried)
                 work += POSE_WORK + done
                 if number >= needed[0] and not is_known(known, corners[s], p, q, r):
                     work += hand_on(
-                        ct, grid, corners[s], frames[s], met, needed[1], sigma, everyone, poses[s], hits[s]
-                    )
+                        ct, near, places, cells, corners[s], frames[s], met, needed[1], sigma, everyone, carried,
+                        poses[s], hits[s],
+                    )  # fmt: skip
                 if work > most_work:
                     return poses, hits, work, False
     return poses, hits, work, work <= most_work

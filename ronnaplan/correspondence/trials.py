@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kernelcache import njit
-from ronnaplan.correspondence.lookup import Grid, side, square_to
+from ronnaplan.correspondence.lookup import side, square_to
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.geometry import FloatArray
 
@@ -35,7 +36,7 @@ TRIAL_WORK = 6
 def trial_points(
     ct: FloatArray, corners: IntArray, frame: FloatArray, trial: IntArray, sigma: float, local: FloatArray
 ) -> int:
-    """Enter (T, 4) the places in a seed's frame of the CT points to try, and how near they have to come; return T.
+    """Enter (4, T) the places in a seed's frame of the CT points to try, and how near they have to come; return T.
 
     A seed with the longest side l and the height h over it predicts a point at (x, y, z) from its centroid with
     the variance (1/3 + (y^2 + z^2) / (2/3 h^2) + r^2 / (l^2 / 2)) of a pair's, at most.  The reach is entered squared.
@@ -46,16 +47,16 @@ def trial_points(
         height += frame[d, 1] * (ct[c, d] - ct[a, d])
     of_side, of_height = 2.0 / max(side(ct, a, b) ** 2, 1e-12), 1.5 / max(height * height, 1e-12)
     reach2, found = (REACH_SIGMAS * sigma) ** 2, 0
+    xu, xv, xw, u0 = frame[0, 0], frame[1, 0], frame[2, 0], frame[0, 3]
+    yu, yv, yw, v0 = frame[0, 1], frame[1, 1], frame[2, 1], frame[1, 3]
+    zu, zv, zw, w0 = frame[0, 2], frame[1, 2], frame[2, 2], frame[2, 3]
     for i in trial:
-        u, v, w = ct[i, 0] - frame[0, 3], ct[i, 1] - frame[1, 3], ct[i, 2] - frame[2, 3]
-        x = frame[0, 0] * u + frame[1, 0] * v + frame[2, 0] * w
-        y = frame[0, 1] * u + frame[1, 1] * v + frame[2, 1] * w
-        z = frame[0, 2] * u + frame[1, 2] * v + frame[2, 2] * w
+        u, v, w = ct[i, 0] - u0, ct[i, 1] - v0, ct[i, 2] - w0
+        x, y, z = xu * u + xv * v + xw * w, yu * u + yv * v + yw * w, zu * u + zv * v + zw * w
         aside2 = y * y + z * z
         variance = 4.0 / 3.0 + of_height * aside2 + of_side * (x * x + aside2)
-        if variance <= MOST_VARIANCE and i != a and i != b and i != c:
-            local[found, 0], local[found, 1], local[found, 2], local[found, 3] = x, y, z, reach2 * variance
-            found += 1
+        local[0, found], local[1, found], local[2, found], local[3, found] = x, y, z, reach2 * variance
+        found += (variance <= MOST_VARIANCE) & (i != a) & (i != b) & (i != c)  # a branch would cost more
     return found
 
 
@@ -74,29 +75,48 @@ def stopping_line(chance: float, share: float) -> tuple[float, float]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def trials_before(hits: int, total: int, least: int, line: FloatArray) -> int:
+    """Return after how many of ``total`` trials so many hits are too few, see `count_hits`; ``total`` if never."""
+    slope, below = line[0], line[1]
+    end = min(max(hits + total - least + 1, 0), total)
+    if slope * end - below <= hits:
+        return end
+    t = max(int((hits + below) / slope) - 1, 0)
+    while t < end and hits >= slope * t - below:
+        t += 1
+    return t
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def count_hits(
-    grid: Grid, pose: FloatArray, local: FloatArray, total: int, least: int, line: FloatArray
-) -> tuple[int, int]:
+    near: NDArray[np.int16], places: FloatArray, cells: FloatArray,
+    pose: FloatArray, local: FloatArray, total: int, least: int, line: FloatArray, carried: FloatArray,
+) -> tuple[int, int]:  # fmt: skip
     """Return how many of ``total`` trial points meet an OTS point, and the work.
 
-    -1 once ``least`` is out of reach, or the hits fall below a ``line`` (see `stopping_line`).  Where no OTS point is
-    near, the one looked at is far away: a branch would cost more.
+    -1 once ``least`` is out of reach, or the hits fall below a ``line`` (see `stopping_line`).  The first are of a
+    `point_grid`; ``carried`` (4, T): room for the points' places and cells.  Where no OTS point is near, the one looked
+    at is far away: a branch would cost more.
     """
-    slope, below = line[0], line[1]
-    near, places, low, cell, shape = grid[2], grid[3], grid[4], grid[5], grid[6]
-    step, hits = 1.0 / cell, 0
-    x0, y0, z0 = pose[0, 3] - low[0], pose[1, 3] - low[1], pose[2, 3] - low[2]
-    last_a, last_b, last_c = shape[0] - 1.0, shape[1] - 1.0, shape[2] - 1.0
-    for t in range(total):
-        if hits + total - t < least or hits < slope * t - below:
-            return -1, TRIAL_WORK * t
-        u, v, w = local[t, 0], local[t, 1], local[t, 2]
-        x = x0 + pose[0, 0] * u + pose[0, 1] * v + pose[0, 2] * w
-        y = y0 + pose[1, 0] * u + pose[1, 1] * v + pose[1, 2] * w
-        z = z0 + pose[2, 0] * u + pose[2, 1] * v + pose[2, 2] * w
-        a = int(min(max(x * step, 0.0), last_a))
-        b = int(min(max(y * step, 0.0), last_b))
-        c = int(min(max(z * step, 0.0), last_c))
-        q = near[a, b, c]
-        hits += square_to(places, q, x + low[0], y + low[1], z + low[2]) < local[t, 3]
-    return hits, TRIAL_WORK * total
+    step, hits, t = 1.0 / cells[3], 0, 0
+    low_x, low_y, low_z = cells[0], cells[1], cells[2]
+    xu, xv, xw, x0 = pose[0, 0], pose[0, 1], pose[0, 2], pose[0, 3] - low_x
+    yu, yv, yw, y0 = pose[1, 0], pose[1, 1], pose[1, 2], pose[1, 3] - low_y
+    zu, zv, zw, z0 = pose[2, 0], pose[2, 1], pose[2, 2], pose[2, 3] - low_z
+    last_a, last_b, last_c = cells[4] - 1.0, cells[5] - 1.0, cells[6] - 1.0
+    end = trials_before(0, total, least, line)
+    while t < end:
+        first, stop = np.uint64(t), np.uint64(end)  # what cannot be negative, numba looks up without asking
+        for k in range(first, stop):
+            u, v, w = local[0, k], local[1, k], local[2, k]
+            x, y, z = x0 + xu * u + xv * v + xw * w, y0 + yu * u + yv * v + yw * w, z0 + zu * u + zv * v + zw * w
+            a = np.trunc(min(max(x * step, 0.0), last_a))
+            b = np.trunc(min(max(y * step, 0.0), last_b))
+            c = np.trunc(min(max(z * step, 0.0), last_c))
+            carried[0, k], carried[1, k], carried[2, k] = x + low_x, y + low_y, z + low_z
+            carried[3, k] = (a * (last_b + 1.0) + b) * (last_c + 1.0) + c
+        for k in range(first, stop):
+            q = np.uint64(near[np.uint64(np.int64(carried[3, k]))])
+            hits += square_to(places, q, carried[0, k], carried[1, k], carried[2, k]) < local[3, k]
+        t, end = end, trials_before(hits, total, least, line)
+    return hits if t == total else -1, TRIAL_WORK * t

@@ -45,8 +45,7 @@ def pose_evidence(problem: Problem, partner: IntArray, taken: int = 0) -> tuple[
     i = np.flatnonzero(partner >= 0)
     size, j = len(i), partner[i]
     variance = problem.pair_variances(i, j)
-    index, weight = np.arange(size), np.tile(1.0 / variance, (size, 1))
-    chi2, volume = fit(problem.ct[i], problem.ots[j], weight, index, index, size, math.inf)
+    chi2, volume = fit(problem.ct, problem.ots, problem.weights, i, j, size, math.inf)
     counts = (len(problem.ct) - taken, len(problem.ots) - taken)
     log_evidence = (
         -math.log(min(counts))
@@ -61,12 +60,12 @@ def pose_evidence(problem: Problem, partner: IntArray, taken: int = 0) -> tuple[
     return float(chi2), float(log_evidence)
 
 
-def add_pose(poses: list[Pose], pose: Pose | None) -> None:
+def add_pose(poses: list[Pose], pose: Pose) -> None:
     """Add a pose, or let it replace the same pose with less evidence; one that chance explains is dropped.
 
     Poses are the same that pair mostly the same points.
     """
-    if pose is None or pose.log_evidence < 0:
+    if pose.log_evidence < 0:
         return
     partners = np.array([other.partner for other in poses], dtype=np.int64).reshape(-1, len(pose.partner))
     agreeing = ((pose.partner >= 0) & (partners == pose.partner)).sum(axis=1)

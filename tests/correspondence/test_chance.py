@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from ronnaplan.correspondence import match_points
-from ronnaplan.correspondence.chance import Chance
+from ronnaplan.correspondence.chance import Chance, connected
 from ronnaplan.correspondence.inputs import ErrorModel
 from ronnaplan.correspondence.pairing import no_pairs
 from ronnaplan.correspondence.problem import Problem
@@ -31,3 +33,17 @@ def test_of_two_equal_bodies_none_is_the_larger_for_the_outliers_in_it() -> None
     """The dense one was accepted at 0.998: outliers of both sets beside its markers counted as more of these."""
     ct, ots, _ = bodies(67, [30, 30], [18.0, 60.0], 30, 18.0)
     assert match_points(ct, ots).status == "ambiguous"
+
+
+@pytest.mark.parametrize("pairs", [0, 30, 90, 300])
+def test_points_are_connected_through_any_number_of_others(pairs: int) -> None:
+    rng = np.random.default_rng(pairs)
+    row = np.arange(99), np.arange(1, 100)
+    for i, j in (
+        *(rng.integers(100, size=(2, pairs)) for _ in range(20)),
+        row,
+        rng.permutation(100)[np.array(row)],
+    ):
+        _, cluster = connected_components(coo_matrix((np.ones(len(i)), (i, j)), (100, 100)), directed=False)
+        found = connected(i, j, 100)
+        assert np.array_equal(found[:, None] == found, cluster[:, None] == cluster)

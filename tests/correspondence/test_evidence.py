@@ -17,6 +17,7 @@ from ronnaplan.correspondence.evidence import (
     filled_volume,
     fit,
     is_collinear,
+    largest_eigenvalue,
     largest_overlap,
     log_misfit,
 )
@@ -167,3 +168,14 @@ def test_the_anisotropic_fit_is_the_maximum_of_the_likelihood() -> None:
     found = minimize(chi2, np.zeros(6), method="BFGS").fun
     chi2_fitted = fit_anisotropic(x[None], y[None], covariances[None, :5], covariances[None, 5:])[0]
     assert chi2_fitted == pytest.approx(found, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("values", "error"),
+    [((0, 0, 0), 0.0), ((0, 0, 5), 1e-14), ((1e-6, 1e-6, 1e9), 1e-14), ((1, 2, 3), 1e-14), ((0, 5, 5), 1e-7)],
+)
+def test_the_largest_eigenvalue_is_that_of_lapack(values: tuple[float, ...], error: float) -> None:
+    """To the last digits where points lie on a line; less exactly where two eigenvalues are as large."""
+    for turn in Rotation.random(20, random_state=1).as_matrix():
+        m = turn @ np.diag(values) @ turn.T
+        assert largest_eigenvalue(m) == pytest.approx(np.linalg.eigvalsh(m)[2], rel=error, abs=1e-300)

@@ -9,7 +9,7 @@ import pytest
 from ronnaplan.correspondence import match_points
 from ronnaplan.correspondence.evidence import filled_volume
 from ronnaplan.correspondence.inputs import ErrorModel
-from ronnaplan.correspondence.poses import WORK_PER_POINT, WORK_POWER, find_poses
+from ronnaplan.correspondence.poses import WORK_PER_POINT, WORK_POWER, find_poses, first_in_order
 from ronnaplan.correspondence.problem import Problem
 from ronnaplan.correspondence.seeds import poses_of_seeds
 from ronnaplan.correspondence.told import Told
@@ -112,3 +112,9 @@ def test_right_poses_are_left_early_no_more_often_than_is_counted_on(chance: flo
         missed = np.random.default_rng(9).random((20_000, 128)) < chance
         stopped = np.cumsum(missed, axis=1) < rise * np.arange(1, 129) - depth
         assert stopped.any(axis=1).mean() > 0.95
+
+
+@pytest.mark.parametrize("count", [20, 131, 524, 525, 1000])
+def test_the_first_in_order_are_those_of_the_whole_order(count: int) -> None:
+    values = np.random.default_rng(count).random((6, count))
+    assert np.array_equal(first_in_order(values, 131), np.argsort(values, axis=1)[:, :131])
