@@ -18,7 +18,7 @@ from ronnaplan.correspondence.problem import Problem, moved_pairs, pairs_of
 from ronnaplan.correspondence.refining import PAIR_SIGMAS, refined
 from ronnaplan.correspondence.rivals import LOG_ODDS_OF_MIRROR, LOG_ODDS_PER_PAIR
 from ronnaplan.correspondence.told import LEAST_PAIRS, Told
-from ronnaplan.correspondence.weighing import Pose, pose_evidence
+from ronnaplan.correspondence.weighing import Pose, alike, pose_evidence
 from ronnaplan.geometry import FloatArray
 
 MISSED_SHARE = 0.1
@@ -112,7 +112,7 @@ def weighed(problem: Problem, found: Found, of_pairs: FloatArray, least_probabil
     if not problem.told.allows(len(given)):
         reason = f"{len(given)} pairs fit but {problem.told} are expected; check the expected number"
         return Pairing("unmatched", no_pairs(), probability, rivals, reason)
-    probability = 1.0 / (1.0 / probability + odds_of_body_beside(problem, best, of_pairs))
+    probability = 1.0 / (1.0 / probability + odds_of_body_beside(problem, found.poses, of_pairs))
     if probability < least_probability:
         touch = int(given[0, 0])  # of the one or of the other
         return Pairing("ambiguous", no_pairs(), probability, rivals, TWO_BODIES, touch, best.pairs)
@@ -120,14 +120,15 @@ def weighed(problem: Problem, found: Found, of_pairs: FloatArray, least_probabil
     return Pairing("unique", given, probability, rivals[1:], doubtful=doubtful, moved=moved)
 
 
-def odds_of_body_beside(problem: Problem, best: Pose, of_pairs: FloatArray) -> float:
-    """Return the odds that the patient is not the best pose's pairs but another body, among the points that they leave.
+def odds_of_body_beside(problem: Problem, poses: list[Pose], of_pairs: FloatArray) -> float:
+    """Return the odds that the patient is not the best pose's pairs but a body that was missed, among what they leave.
 
     ``of_pairs`` are the pairs' probabilities. Few triangles lead to the pose of a small thin body (a plate, a row), so
     that it may have been missed; it is sought by its distances alone. 0 beside bodies that are large enough for the
-    search for poses to be sure of their equals, and where a pair is known: the patient holds it.
+    search for poses to be sure of their equals, where a pair is known, which the patient holds, and for a body that
+    was not missed: it is weighed as a rival, by its points.
     """
-    taken, size = best.pairs[of_pairs >= LIKELY_PAIR], float(of_pairs.sum())
+    taken, size = poses[0].pairs[of_pairs >= LIKELY_PAIR], float(of_pairs.sum())
     i, j = (np.setdiff1d(np.arange(count), taken[:, axis]) for axis, count in enumerate(problem.counts))
     least = max(round(size) - FEWER_BESIDE, LEAST_PAIRS)
     small = size < SUCCESS_SIZES[0] and len(problem.known) == 0
@@ -143,8 +144,13 @@ def odds_of_body_beside(problem: Problem, best: Pose, of_pairs: FloatArray) -> f
     if len(log_evidence) == 0:
         return 0.0
     top = int(log_evidence.argmax())
+    body = np.full(problem.counts[0], -1)
+    paired = partners[top] >= 0
+    body[i[paired]] = j[partners[top][paired]]
+    if len(alike(poses[1:], body)):
+        return 0.0
     real = 1.0 / (1.0 + math.exp(min(background - log_evidence[top], 700.0)))
-    return real * math.exp(LOG_ODDS_PER_PAIR * (int((partners[top] >= 0).sum()) - size))
+    return real * math.exp(LOG_ODDS_PER_PAIR * (int(paired.sum()) - size))
 
 
 def rivals_of(poses: list[Pose]) -> tuple[Rival, ...]:

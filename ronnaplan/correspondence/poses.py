@@ -45,8 +45,9 @@ TRIALS_PER_HIT, LEAST_HITS = 24, 2
 """Of the trial points one in so many must meet an OTS point at least, up to so many: smaller bodies could not be found
 in time."""
 
-CHANCE_PASSES = (1e-2, 1e-5)
-"""So many hits are needed that a false pose passes the trial, and then that of all points, with these probabilities."""
+CHANCE_PASSES = ((1e-2, 1e-5), (1e-2, 1e-3))
+"""So many hits are needed that a false pose passes the trial, and then that of all points, with these probabilities:
+where seeds are drawn, and where every triangle is.  Those are few, and with fewer hits a body of seven is found."""
 
 CROWDING_SIGMAS = 15.0
 """How crowded the OTS points are is told from their neighbours within this."""
@@ -104,7 +105,7 @@ class Search:
         """Return the search in which ``every`` seed is drawn, or only some."""
         grid = point_grid(problem.ots, problem.sigma_mm, WIDEST_REACH_SIGMAS * problem.sigma_mm)
         chance = chance_of_hit(problem)
-        return cls(problem, grid, needed_hits(len(problem.ct) - 3, chance), chance, every)
+        return cls(problem, grid, needed_hits(len(problem.ct) - 3, chance, every), chance, every)
 
     @cached_property
     def table(self) -> Table:
@@ -132,8 +133,8 @@ class Search:
         rest, of_body = len(self.problem.ct) - 3, np.maximum(size - 3.0, 0.0)
         tried, share = min(MOST_TRIALS, rest), self.share(size)
         left = 1.0 if self.every else 1.0 - STOPPED
-        if tried == rest:
-            return np.asarray(left * (of_body >= max(self.needed)))
+        if tried == rest:  # the very points of the body, a whole number
+            return left * at_least(max(self.needed), np.round(of_body).astype(np.int64), PREDICTED)
         first, all_points = (
             at_least(n, count, share) for n, count in zip(self.needed, (tried, rest), strict=True)
         )
@@ -144,10 +145,10 @@ class Search:
         return np.asarray(PREDICTED * np.maximum(np.asarray(size) - 3.0, 0.0) / max(len(self.problem.ct) - 3, 1))
 
 
-def at_least(needed: ArrayLike, count: int, share: FloatArray | float) -> FloatArray:
+def at_least(needed: ArrayLike, count: ArrayLike, share: FloatArray | float) -> FloatArray:
     """Return the probability of ``needed`` successes or more among ``count`` trials that succeed with ``share``."""
     fewer = np.asarray(needed) - 1
-    return np.where(fewer < 0, 1.0, bdtrc(np.maximum(fewer, 0), count, share))
+    return np.where(fewer < 0, 1.0, bdtrc(np.clip(fewer, 0, count), count, share))
 
 
 def work_allowed(problem: Problem) -> float:
@@ -266,14 +267,17 @@ def chance_of_hit(problem: Problem) -> float:
     return float(min(max(crowding, 1e-6), 0.5))
 
 
-def needed_hits(rest: int, chance: float) -> tuple[int, int]:
-    """Return how many of the trial points, and of the ``rest``, must meet an OTS point before chance is unlikely."""
+def needed_hits(rest: int, chance: float, every: bool) -> tuple[int, int]:
+    """Return how many of the trial points, and of the ``rest``, must meet an OTS point before chance is unlikely.
+
+    ``every``: whether every seed is drawn.
+    """
     if rest <= 0:
         return 0, 0
     tried = min(MOST_TRIALS, rest)
     first, all_points = (
         int((at_least(np.arange(count + 1), count, chance) > unlikely).sum())
-        for unlikely, count in zip(CHANCE_PASSES, (tried, rest), strict=True)
+        for unlikely, count in zip(CHANCE_PASSES[every], (tried, rest), strict=True)
     )
     least = min(tried // TRIALS_PER_HIT, LEAST_HITS)
     return max(first, least), max(all_points, least)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,17 +61,19 @@ def pose_evidence(problem: Problem, partner: IntArray, taken: int = 0) -> tuple[
     return float(chi2), float(log_evidence)
 
 
-def add_pose(poses: list[Pose], pose: Pose) -> None:
-    """Add a pose, or let it replace the same pose with less evidence; one that chance explains is dropped.
+def alike(poses: Sequence[Pose], partner: IntArray) -> IntArray:
+    """Return which of ``poses`` pair mostly the same points as a ``partner`` (n,) of each CT point does."""
+    partners = np.array([pose.partner for pose in poses], dtype=np.int64).reshape(-1, len(partner))
+    agreeing = ((partner >= 0) & (partners == partner)).sum(axis=1)
+    of_fewer = np.minimum((partners >= 0).sum(axis=1), (partner >= 0).sum())
+    return np.flatnonzero(2 * agreeing > of_fewer)
 
-    Poses are the same that pair mostly the same points.
-    """
+
+def add_pose(poses: list[Pose], pose: Pose) -> None:
+    """Add a pose, or let it replace one that is `alike` with less evidence; one that chance explains is dropped."""
     if pose.log_evidence < 0:
         return
-    partners = np.array([other.partner for other in poses], dtype=np.int64).reshape(-1, len(pose.partner))
-    agreeing = ((pose.partner >= 0) & (partners == pose.partner)).sum(axis=1)
-    of_fewer = np.minimum((partners >= 0).sum(axis=1), (pose.partner >= 0).sum())
-    same = np.flatnonzero(2 * agreeing > of_fewer)
+    same = alike(poses, pose.partner)
     if len(same) == 0:
         poses.append(pose)
     elif pose.log_evidence > poses[same[0]].log_evidence:

@@ -38,12 +38,9 @@ def test_of_two_equal_bodies_none_is_the_larger_for_the_outliers_in_it() -> None
 @pytest.mark.parametrize("pairs", [0, 30, 90, 300])
 def test_points_are_connected_through_any_number_of_others(pairs: int) -> None:
     rng = np.random.default_rng(pairs)
-    row = np.arange(99), np.arange(1, 100)
-    for i, j in (
-        *(rng.integers(100, size=(2, pairs)) for _ in range(20)),
-        row,
-        rng.permutation(100)[np.array(row)],
-    ):
-        _, cluster = connected_components(coo_matrix((np.ones(len(i)), (i, j)), (100, 100)), directed=False)
-        found = connected(i, j, 100)
+    row = np.array((np.arange(99), np.arange(1, 100)))
+    for ends in (*(rng.integers(100, size=(2, pairs)) for _ in range(20)), row, rng.permutation(100)[row]):
+        joined = coo_matrix((np.ones(ends.shape[1]), (ends[0], ends[1])), (100, 100))
+        _, cluster = connected_components(joined, directed=False)
+        found = connected(ends[0], ends[1], 100)
         assert np.array_equal(found[:, None] == found, cluster[:, None] == cluster)

@@ -8,9 +8,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.correspondence import match_points
-from ronnaplan.correspondence.large import odds_by_size
+from ronnaplan.correspondence.large import odds_by_size, odds_of_body_beside
+from ronnaplan.correspondence.poses import find_poses
 from ronnaplan.correspondence.rivals import LOG_ODDS_PER_PAIR
 from tests.correspondence.scenes import SIGMA_CT, SIGMA_OTS, ball, bodies, scene
+from tests.correspondence.test_poses import problem_of
 
 
 def cloud(seed: int, markers: int, outliers: int, radius: float = 300.0) -> Any:
@@ -260,3 +262,13 @@ def test_a_marker_of_many_that_moved_is_named() -> None:
             assert 1 not in pairing.pairs[:, 0]
             named += pairing.moved.tolist() == [[1, partner[1]]]
     assert named >= 36
+
+
+def test_a_body_that_was_found_is_not_weighed_once_more_by_its_pairs() -> None:
+    """As a rival its points count; by pairs, of which the larger body had doubtful ones, that one was refused."""
+    ct, ots, _ = bodies(1, [12, 11], [60.0, 60.0], 4, 120.0)
+    problem = problem_of(ct, ots)
+    found = find_poses(problem, 1e-3)
+    of_pairs = found.chance.pair_probabilities(found.poses[0].matrix, found.poses[0].partner)
+    assert odds_of_body_beside(problem, found.poses[:1], of_pairs) > 0.05
+    assert odds_of_body_beside(problem, found.poses, of_pairs) == 0.0
