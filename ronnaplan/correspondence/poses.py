@@ -132,13 +132,14 @@ class Search:
         """Return the probability that enough of the points tried are of a body of ``size`` points."""
         rest, of_body = len(self.problem.ct) - 3, np.maximum(size - 3.0, 0.0)
         tried, share = min(MOST_TRIALS, rest), self.share(size)
-        left = 1.0 if self.every else 1.0 - STOPPED
-        if tried == rest:  # the very points of the body, a whole number
-            return left * at_least(max(self.needed), np.round(of_body).astype(np.int64), PREDICTED)
+        if self.every:  # not every triangle predicts every point: of cubes and rows other orders were missed
+            return at_least(max(self.needed), np.round(of_body).astype(np.int64), PREDICTED)
+        if tried == rest:
+            return np.asarray((1.0 - STOPPED) * (of_body >= max(self.needed)))
         first, all_points = (
             at_least(n, count, share) for n, count in zip(self.needed, (tried, rest), strict=True)
         )
-        return np.asarray(first * all_points * left)
+        return np.asarray(first * all_points * (1.0 - STOPPED))
 
     def share(self, size: FloatArray | float) -> FloatArray:
         """Return the share of the trial points that are of a body of ``size`` points, and tried."""
