@@ -146,10 +146,10 @@ class Search:
         return np.asarray(PREDICTED * np.maximum(np.asarray(size) - 3.0, 0.0) / max(len(self.problem.ct) - 3, 1))
 
 
-def at_least(needed: ArrayLike, count: ArrayLike, share: FloatArray | float) -> FloatArray:
+def at_least(needed: ArrayLike, count: int | IntArray, share: FloatArray | float) -> FloatArray:
     """Return the probability of ``needed`` successes or more among ``count`` trials that succeed with ``share``."""
-    fewer = np.asarray(needed) - 1
-    return np.where(fewer < 0, 1.0, bdtrc(np.clip(fewer, 0, count), count, share))
+    fewer, most = np.asarray(needed) - 1, np.asarray(count)
+    return np.where(fewer < 0, 1.0, bdtrc(np.clip(fewer, 0, most), most, np.asarray(share)))
 
 
 def work_allowed(problem: Problem) -> float:
