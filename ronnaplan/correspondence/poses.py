@@ -132,10 +132,12 @@ class Search:
         """Return the probability that enough of the points tried are of a body of ``size`` points."""
         rest, of_body = len(self.problem.ct) - 3, np.maximum(size - 3.0, 0.0)
         tried, share = min(MOST_TRIALS, rest), self.share(size)
-        if self.every:  # not every triangle predicts every point: of cubes and rows other orders were missed
-            return at_least(max(self.needed), np.round(of_body).astype(np.int64), PREDICTED)
+        enough = np.asarray(of_body >= max(self.needed))
+        if self.every:  # not every triangle predicts every point: of small cubes and rows other orders were missed
+            shown = at_least(max(self.needed), np.round(of_body).astype(np.int64), PREDICTED)
+            return np.where(size < SUCCESS_SIZES[0], shown, enough)
         if tried == rest:
-            return np.asarray((1.0 - STOPPED) * (of_body >= max(self.needed)))
+            return np.asarray((1.0 - STOPPED) * enough, dtype=np.float64)
         first, all_points = (
             at_least(n, count, share) for n, count in zip(self.needed, (tried, rest), strict=True)
         )
