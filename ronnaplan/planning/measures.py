@@ -226,15 +226,9 @@ def spacings(trajectory: Trajectory, others: Sequence[Trajectory]) -> tuple[Spac
         np.array([one.entry_mm for one in beside]).reshape(-1, 3),
         np.array([one.target_mm for one in beside]).reshape(-1, 3),
     )
-    return tuple(
-        Spacing(
-            one.name,
-            distance,
-            distance - trajectory.instrument.radius_mm - one.instrument.radius_mm,
-            share * trajectory.length_mm,
-        )
-        for one, distance, share in zip(beside, distances.tolist(), shares.tolist(), strict=True)
-    )
+    clearances = distances - trajectory.instrument.radius_mm - [one.instrument.radius_mm for one in beside]
+    found = (distances, clearances, shares * trajectory.length_mm)
+    return tuple(map(Spacing, (one.name for one in beside), *(values.tolist() for values in found)))
 
 
 def _angle_deg(surface: Surface | None, inward: FloatArray) -> float | None:

@@ -12,7 +12,7 @@ from phantoms.materials import material
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.planning import Instrument, Landmarks, Trajectory, measure
-from ronnaplan.planning.measures import DEEPEST_ENTRY_MM
+from ronnaplan.planning.measures import DEEPEST_ENTRY_MM, spacings
 from ronnaplan.planning.obstacles import POST_RADIUS_MM, Kind, PostedMarker, Voxels, markers_on, metal
 from tests.planning.heads import BRAIN, FOOT, SCALP, SKULL, STACKS, normal, paths, reach, scanned
 
@@ -164,6 +164,20 @@ def test_distances_between_trajectories() -> None:
     assert farther.distance_mm == pytest.approx(30.0, abs=1e-9)
     assert spacing.distance_mm == pytest.approx(15.0, abs=1e-9)
     assert spacing.clearance_mm == pytest.approx(14.2, abs=1e-9)
+
+
+def test_however_many_are_beside_a_trajectory_its_length_is_taken_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 200 each is held against all others after every change."""
+    axis, taken = np.array([0.0, 0, 1]), list[str]()
+    among = [path(np.array([x, 0, 10.0]), axis, f"E{x}") for x in range(-20, 20)]
+
+    def length_mm(one: Trajectory) -> float:
+        taken.append(one.name)
+        return 1.0
+
+    monkeypatch.setattr(Trajectory, "length_mm", property(length_mm))
+    assert len(spacings(among[0], among)) == 39
+    assert taken == ["E-20"]
 
 
 def test_landmarks_give_ac_pc_angles() -> None:
