@@ -174,10 +174,10 @@ class Surroundings:
         except RonnaplanError as error:  # a limit on what is not known here
             return Judgement(measured, problem=str(error))
 
-    def knows(self, trajectory: Trajectory, plan: Plan) -> bool:
-        """Whether to judge ``trajectory`` takes no long time, for it was measured as it is now."""
+    def knows(self, trajectory: Trajectory, plan: Plan, *, rough: bool = False) -> bool:
+        """Whether to `judge` ``trajectory`` takes no long time, for it was measured as it is now."""
         known = self._measured.get(trajectory.name)
-        return known is not None and known.serves(trajectory, plan, rough=False)
+        return known is not None and known.serves(trajectory, plan, rough)
 
     def judge_all(self, plan: Plan) -> tuple[Judgement, ...]:
         """Judge all trajectories of a plan, in its order; `judge` then has them ready."""

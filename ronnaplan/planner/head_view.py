@@ -97,16 +97,22 @@ class HeadView:
         return bool(changed)
 
     def _update_paths(self, scene: Scene, plan: Plan) -> bool:
-        """Show the trajectories of a plan; tells whether any of them changed."""
-        keys = {one.name: self._path_key(one) for one in plan.trajectories}
-        changed = keys != self._paths
-        for name in self._paths.keys() - keys.keys():
-            scene.hide_path(name)
+        """Show the trajectories of a plan; tells whether any of them changed.
+
+        One that is yet to be measured has no tube until it is: to measure many here would hold the pages up.
+        """
+        case, before, changed = self.state.case, self._paths, False
+        self._paths = {}
         for one in plan.trajectories:
-            if keys[one.name] != self._paths.get(one.name):
-                scene.show_path(one, self.state.case.judge(one).measures)
-        self._paths = keys
-        return changed
+            key, known = self._path_key(one), case.surroundings.knows(one, plan, rough=case.dragging)
+            drawn = before.pop(one.name, None)
+            if drawn not in ((key, True), (key, known)):
+                scene.show_path(one, case.judge(one).measures if known else None)
+                drawn, changed = (key, known), True
+            self._paths[one.name] = drawn
+        for name in before:
+            scene.hide_path(name)
+        return changed or bool(before)
 
     def _path_key(self, one: Trajectory) -> Any:
         ends = (*one.entry_mm, *one.target_mm)

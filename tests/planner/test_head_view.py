@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -38,6 +40,7 @@ def head(state: PlannerState, made: dict[str, Body]) -> HeadView:
 
 
 def shown(head: HeadView) -> Picture | None:
+    head.state.case.surroundings.judge_all(head.state.case.plan)
     head.update(head.state.case.plan)
     return head.picture()
 
@@ -110,6 +113,25 @@ def test_the_tube_is_that_of_the_markers_as_they_are_now(head: HeadView, monkeyp
         assert drawn is not None
         assert drawn.error is not None
         np.testing.assert_array_equal(drawn.error.tube_mm, now.error.tube_mm)
+
+
+def test_what_is_not_measured_yet_has_no_tube_and_is_not_measured_to_be_drawn(
+    head: HeadView, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where another hand adds hundreds: each page would wait until all are measured."""
+    case, drawn = head.state.case, list[tuple[str, bool]]()
+    shown(head)
+    assert head.scene is not None
+    monkeypatch.setattr(
+        head.scene, "show_path", lambda one, measured: drawn.append((one.name, measured is not None))
+    )
+    case.change_plan(case.plan.add(replace(case.plan.trajectory("left"), name="theirs")))
+    for _ in range(2):
+        head.update(case.plan)
+    assert drawn == [("theirs", False)]
+    shown(head)
+    head.update(case.plan)
+    assert drawn == [("theirs", False), ("theirs", True)]
 
 
 def test_the_contacts_of_an_electrode_are_shown_as_soon_as_it_is_chosen(head: HeadView) -> None:
