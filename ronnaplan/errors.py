@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import errno
+
 from ronnaplan.text import LONGEST_SENTENCE, printable
+
+NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.ENOENT})
+"""What the system says where a disk takes no more; ENOENT, of no file: that no folder takes temporary ones."""
 
 
 class RonnaplanError(Exception):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import atexit
-import errno
 import gc
 import io
 import os
@@ -18,7 +17,7 @@ from typing import Any
 
 from ronnaplan import __version__
 from ronnaplan.cli.output import discard_output, guarded_output
-from ronnaplan.errors import InputError, RonnaplanError, UsageError
+from ronnaplan.errors import NO_ROOM, InputError, RonnaplanError, UsageError
 from ronnaplan.text import NOTICE, printable
 
 VERBS = (
@@ -40,9 +39,6 @@ KEPT_SMALL = {
 
 NO_INPUTS = frozenset({"output", "to", "name"})
 """What may be the name of a file that is written, but names none that is read: formats, and kinds of documents."""
-
-NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.ENOENT})
-"""What the system says where a disk takes no more; ENOENT, of no file: that no folder takes temporary ones."""
 
 NEGATIVE = re.compile(r"-(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?$")
 """What begins with a minus and is a number."""

@@ -16,7 +16,7 @@ from aiohttp import web
 
 from ronnaplan.case.folder import FIDUCIALS, PLAN, REGISTRATION
 from ronnaplan.documents.files import write_atomically
-from ronnaplan.errors import RonnaplanError, UsageError
+from ronnaplan.errors import NO_ROOM, RonnaplanError, UsageError
 from ronnaplan.planner.storage import Storage
 from ronnaplan.text import printable
 
@@ -117,9 +117,12 @@ class Handing:
                     target = Path(folder) / f"made-{name}"
                     await _run(*(part.replace("{case}", folder) for part in command), "-o", str(target))
                     return target.read_bytes()
-        except OSError as error:  # as on a disk without room for temporary files
+        except OSError as error:
+            remedy = (
+                "make room on the planner's disk" if error.errno in NO_ROOM else "try again once that is mended"
+            )
             raise web.HTTPInsufficientStorage(
-                text=f"{name} cannot be made ({printable(error.strerror or error)}); make room on the planner's disk"
+                text=f"{name} cannot be made ({printable(error.strerror or error)}); {remedy}"
             ) from error
 
     async def _take(self, request: web.Request) -> web.Response:

@@ -103,11 +103,18 @@ def test_why_a_file_cannot_be_made_is_told_without_the_command_s_name(storage: S
     run(asked())
 
 
-def test_a_disk_without_room_is_told_and_the_server_does_not_fail(
-    storage: Storage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("number", "said", "remedy"),
+    [
+        (errno.ENOSPC, "No space left on device", "make room on the planner's disk"),
+        (errno.EMFILE, "Too many open files", "try again once that is mended"),
+    ],
+)
+def test_what_the_system_refuses_is_told_and_the_server_does_not_fail(
+    storage: Storage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, said: str, remedy: str
 ) -> None:
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
+    def refusing(*_: object) -> None:
+        raise OSError(number, said)
 
     async def asked() -> None:
         application = web.Application()
@@ -115,11 +122,9 @@ def test_a_disk_without_room_is_told_and_the_server_does_not_fail(
         async with TestClient(TestServer(application)) as client:
             refused = await client.get("/download/report.html")
             assert refused.status == HTTPStatus.INSUFFICIENT_STORAGE
-            assert await refused.text() == (
-                "report.html cannot be made (No space left on device); make room on the planner's disk"
-            )
+            assert await refused.text() == f"report.html cannot be made ({said}); {remedy}"
 
-    monkeypatch.setattr("shutil.copyfile", full)
+    monkeypatch.setattr("shutil.copyfile", refusing)
     run(asked())
 
 
