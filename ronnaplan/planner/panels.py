@@ -102,7 +102,8 @@ def chosen_path(state: PlannerState, judged: Judgement | None) -> dict[str, Any]
         "problem": judged.problem,
         "measuring": judged.problem == MEASURING,
         "spoken": "" if state.case.dragging else _spoken(one.name, judged),
-        "doubts": [*state.case.surroundings.doubts, *judged.doubts],
+        "doubts": list(judged.doubts),
+        "remarks": list(state.case.surroundings.expected.remarks),
         "measures": shape_rows(judged.measures) if judged.measures else [],
         "errors": error_table(judged.measures) if judged.measures else [],
         "verdicts": [

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from ronnaplan.case.expectation import expectation
 from ronnaplan.case.folder import CaseFiles, read_case
-from ronnaplan.case.surroundings import Rules, Surroundings, Terrain
+from ronnaplan.case.surroundings import Rules, Surroundings, Terrain, scan_doubts
 from ronnaplan.cli import main
 from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.documents.plan import change_plan, read_plan, write_plan
@@ -66,9 +66,10 @@ def planner(folder: Path) -> PlannerState:
 
 
 def doubts(state: PlannerState) -> list[str]:
+    """All that the page tells: of the scan above all panels, then beside the trajectory."""
     (path,) = state.case.plan.trajectories
-    found: list[str] = chosen_path(state, state.case.judge(path))["doubts"]
-    return found
+    chosen = chosen_path(state, state.case.judge(path))
+    return [*scan_doubts(state.case.volume), *chosen["remarks"], *chosen["doubts"]]
 
 
 def test_what_is_doubtful_about_scan_markers_and_registration_is_told_by_every_face(

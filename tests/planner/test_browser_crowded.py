@@ -91,6 +91,11 @@ def test_what_stands_below_a_long_list_is_within_reach_and_what_is_selected_is_s
     browser: Any, full: Planner
 ) -> None:
     page = opened(browser, full.url)
+    page.wait_for_selector("#measures td")
+    assert page.locator("#remarks").bounding_box()["height"] < 40  # flagged markers: a long sentence
+    page.click("#remarks summary")
+    assert "radius" in page.inner_text("#remarks p")
+    page.click("#remarks summary")
     page.locator("#entry-x").scroll_into_view_if_needed()
     listed = page.locator(".rp-list").bounding_box()
     assert listed["height"] < 330
