@@ -11,7 +11,7 @@ OWN: Final = {
     "tab": "paths",
     "show_rejected": False,
     "diameter": 0.0,
-    "marker_count": 6,
+    "marker_count": "6",  # as what is typed: a number of the page counts as one with a fraction
     "message": "",
     "sorted_by": "number",
     "falling": False,

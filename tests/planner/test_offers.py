@@ -9,8 +9,11 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import Points
 from ronnaplan.planner.panels import placement_line, proposal_rows
 from ronnaplan.planner.state import PlannerState
+from ronnaplan.planner.tab import Tab
+from ronnaplan.planner.worker import Job
 from ronnaplan.planning.uncertainty import ExpectedPose
 from tests import cases
+from tests.loops import run
 
 E, T = cases.ENTRY_MM, cases.TARGET_MM
 
@@ -61,3 +64,16 @@ def test_marker_places_hold_for_the_trajectories_they_were_asked_for(state: Plan
     assert placement_line(state).endswith(placed.doubt)
     state.case.edit("left", target_mm=T + np.array([0, 0, 1]))
     assert placement_line(state) == ""
+
+
+def test_as_many_marker_places_as_the_page_offers_at_first_are_proposed(state: PlannerState) -> None:
+    jobs: list[Job] = []
+    state.start = jobs.append
+
+    async def press() -> None:
+        tab = Tab(state)
+        await tab.answer("placement", (tab.shown["marker_count"],))
+        assert tab.shown["message"] == ""
+
+    run(press())
+    assert [job.what for job in jobs] == ["finding places for 6 markers"]
