@@ -157,10 +157,13 @@ class PlannerApp:
                 self._spare = spare
 
     def closed(self, page: str) -> None:
-        """Forget a page."""
+        """Forget a page; what it dragged is let go, and shown so on the others."""
         tab = self.tabs.pop(page, None)
         if tab is not None:
+            dragging = self.state.case.dragging
             tab.close()
+            if dragging:
+                self.refresh()
 
     def whole(self, page: str) -> dict[str, Any]:
         """Return all that a page shows of its own."""

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from ronnaplan.case.surroundings import Surroundings
+from ronnaplan.planner.app import PlannerApp
 from ronnaplan.planner.shown import Shown
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.tab import FOLLOW_S, Tab
@@ -93,6 +95,9 @@ def test_a_drag_of_one_page_is_let_go_before_another_page_changes_something(stat
 
 
 def test_a_page_that_is_closed_lets_go_and_is_told_of_the_plan_no_more(state: PlannerState) -> None:
+    drawn: list[bool] = []
+    app: Any = SimpleNamespace(tabs={}, state=state, refresh=lambda: drawn.append(state.case.dragging))
+
     async def use() -> None:
         before = len(state.case.followers)
         tab = Tab(state.beside(), lambda _: None)
@@ -101,7 +106,9 @@ def test_a_page_that_is_closed_lets_go_and_is_told_of_the_plan_no_more(state: Pl
         target = state.case.plan.trajectory("left").target_mm
         await tab.answer("press", ("axial", *over(tab, target), 0, False))
         await tab.answer("move", ("axial", *over(tab, target + X * 2)))
-        tab.close()
+        app.tabs["page"] = tab
+        PlannerApp.closed(app, "page")
+        assert drawn == [False]  # on the others as it was let go
         assert not state.case.dragging
         assert state.case.plan.trajectory("left").target_mm[0] == pytest.approx(target[0] + 2.0, abs=0.01)
         assert len(state.case.followers) == before
