@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, unit
+from ronnaplan.geometry import FloatArray, as_numbers, unit
 
 UNIFORM_SPACING_TOLERANCE_MM = 1e-3
 """Slice gaps that differ by less than this are called equal (DICOM writes positions with 3 to 6 decimals)."""
@@ -140,10 +140,7 @@ class SliceGrid:
     @staticmethod
     def checked_affine(affine: ArrayLike) -> FloatArray:
         """Return an affine as an array (4, 4); raises `InputError` for what is none."""
-        try:
-            matrix = np.asarray(affine, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise InputError("the affine is not made of numbers; expected (4, 4)") from error
+        matrix = as_numbers(affine, "the affine's entries", "(4, 4)")
         if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or (matrix[3] != (0, 0, 0, 1)).any():
             raise InputError("the affine is no finite (4, 4) that maps (k, j, i, 1) to LPS mm and ends in 0 0 0 1")
         try:

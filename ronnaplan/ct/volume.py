@@ -198,7 +198,7 @@ class CTVolume(Gridded):
             )
         if np.ma.is_masked(voxels_hu):
             raise InputError("voxels are masked; fill in what the scan has there")
-        low, high = voxels.min(), voxels.max()
+        low, high = float(voxels.min()), float(voxels.max())  # a float16 holds no bound
         if not -LARGEST_HU <= low <= high <= LARGEST_HU:
             raise InputError(f"voxels hold values that are not finite numbers up to {LARGEST_HU:g}; expected HU")
         info = np.iinfo(np.int16)

@@ -193,10 +193,10 @@ class Foreman:
         """Note what a worker said; once more, where the index could not be written."""
         worker = self._workers.get(number)
         try:
-            told: dict[str, Any] = json.loads(line)
+            told: Any = json.loads(line)
         except ValueError:  # what a library prints, or a line torn by its worker's death
             return
-        if worker is None:
+        if worker is None or not isinstance(told, dict):  # a number that a library prints
             return
         if told["event"] == "ready":
             worker.is_ready = True

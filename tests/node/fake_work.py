@@ -33,7 +33,7 @@ def obey(line: str) -> None:
         tell(event="ended", job=order.job, state="refused", reason="no marker")
     else:
         order.output.mkdir(parents=True)
-        os.write(1, b"what a library written in C prints\n")
+        os.write(1, b"what a library written in C prints\n0.5\n")
         for name in ("x.dcm", "x.dcm.half"):  # one of them by a worker that was killed
             (order.output / name).write_bytes(b"x")
         path = str(order.output / "x.dcm")
