@@ -28,6 +28,8 @@ LOCK = "node.lock"
 LISTENER, WORKER = "ronnaplan.node.listening", work.MODULE
 """Modules that speak with peers and that work on scans, in processes of their own."""
 TICK_S = 0.2
+UNDAMAGED = "ok"
+"""What SQLite says of a database of which no page is damaged."""
 RESTART_S = 1.0
 """Wait before a receiver that ended is started again."""
 
@@ -78,10 +80,16 @@ def _index_of(data: Path) -> Index:
     """
     path, scans = data / FILE, data / INSTANCES
     remedy = "put it back, or name another folder, to which all scans are sent again"
-    if not path.exists() and any(scans.rglob("*.dcm")):
-        raise InputError(f"the index {path} is gone, but scans lie in {scans}; {remedy}")
+    is_there = path.exists() and path.stat().st_size > 0  # SQLite takes an empty file for a new database
+    if not is_there and any(scans.rglob("*.dcm")):
+        raise InputError(f"the index {path} is gone or empty, but scans lie in {scans}; {remedy}")
     try:
-        return Index(data)
+        with ExitStack() as stack:
+            index = stack.enter_context(Index(data))
+            if index.value("PRAGMA quick_check(1)") != UNDAMAGED:
+                raise sqlite3.DatabaseError("pages of it are damaged")
+            stack.pop_all()
+            return index
     except sqlite3.Error as error:  # a full disk, too
         raise InputError(f"the index {path} cannot be used ({error}); see to its disk, {remedy}") from error
 
@@ -104,6 +112,8 @@ class Hub:
         """Do what is due at ``now`` (seconds since 1970)."""
         if now < self._last:  # the clock was set back, maybe before the node started
             self._index.set_clock_back(now)
+            self._foreman.set_clock_back(now)
+            self._receiver_due = min(self._receiver_due, now + RESTART_S)
             if self._listening_since is not None:
                 self._listening_since = min(self._listening_since, now)
         self._last = now

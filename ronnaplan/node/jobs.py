@@ -82,6 +82,12 @@ class Foreman:
             if worker.is_ready and worker.job is None and not self._give(worker, now):
                 break
 
+    def set_clock_back(self, now: float) -> None:
+        """Wait for nothing longer than from ``now``: by a clock ahead a job that hangs would be ended when that is."""
+        self._hire_due = min(self._hire_due, now + RESTART_S)
+        for worker in self._workers.values():
+            worker.last = min(worker.last, now + self._config.jobs.seconds)
+
     def close(self) -> None:
         """End the workers; what they work on is done again by the next node."""
         for worker in self._workers.values():

@@ -32,16 +32,24 @@ class PapersWatch:
             return
         self._due = now + LOOK_S
         for rule in self._config.rule:
-            home = self._config.home / rule.documents if rule.documents else None
-            reason = ""
-            try:
-                for folder in home.iterdir() if home is not None and home.is_dir() else ():
-                    self._look(rule.name, folder, now)
-            except OSError as error:  # it keeps no scan waiting
-                reason = str(error)
+            reason = self._look_into(rule.name, self._config.home / rule.documents, now) if rule.documents else ""
             if reason and reason != self._unread.get(rule.name):
                 self._log.tell("documents unread", rule=rule.name, reason=reason)
             self._unread[rule.name] = reason
+
+    def _look_into(self, rule: str, home: Path, now: float) -> str:
+        """Look at the studies' folders in a rule's; returns why one cannot be, which keeps no other one waiting."""
+        reason = ""
+        try:
+            folders = sorted(home.iterdir()) if home.is_dir() else []
+        except OSError as error:
+            return str(error)
+        for folder in folders:
+            try:
+                self._look(rule, folder, now)
+            except OSError as error:
+                reason = reason or str(error)
+        return reason
 
     def _look(self, rule: str, folder: Path, now: float) -> None:
         stamp = stamp_of(folder)

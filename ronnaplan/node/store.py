@@ -130,7 +130,7 @@ class Store:
                 self._remove_old(index, time.time())
 
     def _remove_old(self, index: Index, now: float) -> None:
-        if now >= self._retention_due:
+        if not now < self._retention_due <= now + RETENTION_S:  # later than that by a clock that was ahead
             self._retention_due = now + RETENTION_S
             try:
                 remove_old(self.folder, index, now - self._keep_s, self._log, self._audit)

@@ -76,11 +76,22 @@ def test_an_index_that_is_gone_or_damaged_is_told_and_costs_no_scan(tmp_path: Pa
     scan = tmp_path / "node-data" / "instances" / "1.2" / "1.3" / "1.4.dcm"
     scan.parent.mkdir(parents=True)
     scan.write_bytes(b"acknowledged")
-    with pytest.raises(InputError, match=r"index\.sqlite is gone, but scans lie in .*; put it back"):
-        run_node(path, stop, Log(io.StringIO()))
+    for _ in ("gone", "empty"):
+        with pytest.raises(InputError, match=r"index\.sqlite is gone or empty, but scans lie in .*; put it back"):
+            run_node(path, stop, Log(io.StringIO()))
+        (tmp_path / "node-data" / FILE).touch()
     (tmp_path / "node-data" / FILE).write_bytes(b"no database" * 100)
     with pytest.raises(
         InputError, match=r"cannot be used \(file is not a database\); see to its disk, put it back"
+    ):
+        run_node(path, stop, Log(io.StringIO()))
+    (tmp_path / "node-data" / FILE).unlink()
+    with Index(tmp_path / "node-data"):
+        pass
+    whole = (tmp_path / "node-data" / FILE).read_bytes()
+    (tmp_path / "node-data" / FILE).write_bytes(whole[: -(len(whole) // 2)].ljust(len(whole), b"\0"))
+    with pytest.raises(
+        InputError, match=r"cannot be used \(pages of it are damaged\); see to its disk, put it back"
     ):
         run_node(path, stop, Log(io.StringIO()))
     assert scan.read_bytes() == b"acknowledged"
@@ -114,8 +125,11 @@ def test_a_clock_that_was_ahead_keeps_nothing_waiting_once_it_is_set_back(
         )
         hub = Hub(tmp_path / "node.toml", config, index, Log(io.StringIO()))
         for now in (50_001.0, 50_009.0, 1000.0, 1009.0):
+            if now == 1000.0:
+                hub._foreman._hire_due = 60_000.0
             hub.tick(now)
             assert index.rows("SELECT complete FROM series") == [(0,)]
+        assert hub._foreman._hire_due == 1001.0
         hub.tick(1010.1)
         assert index.rows("SELECT complete FROM series") == [(1,)]
         assert index.rows("SELECT due FROM jobs ORDER BY due") == [(1000.0,), (3000.0,)]

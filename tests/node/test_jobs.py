@@ -129,6 +129,30 @@ def test_no_job_keeps_another_one_waiting_and_each_ends_as_it_should(
     assert states(index)["refused"] == ("waiting", 0)
 
 
+def test_a_clock_that_is_set_back_keeps_no_worker_from_being_hired_or_ended(index: Index, tmp_path: Path) -> None:
+    job(index, "1.4.1")
+    limits = {"seconds": 2.0, "workers": 1}
+    config = configuration(tmp_path, jobs=limits, rule=[{"name": "all"}])
+    foreman = Foreman(config, index, Log(io.StringIO()), "tests.node.no_such_worker")
+
+    def ended(now: float) -> bool:
+        foreman.tick(now)
+        return not foreman.pids
+
+    try:
+        foreman.tick(90_000.0)
+        until(lambda: ended(90_000.0))
+        foreman.set_clock_back(1000.0)
+        foreman.tick(1002.0)
+        assert foreman.pids
+        (worker,) = foreman._workers.values()
+        worker.last = 90_002.0
+        foreman.set_clock_back(1003.0)
+        assert worker.last == 1005.0
+    finally:
+        foreman.close()
+
+
 class FullDisk(Index):
     """An index that does not take what `statement` begins with, the first time."""
 

@@ -17,6 +17,7 @@ from ronnaplan.ct import read_ct
 from ronnaplan.documents.plan import write_plan
 from ronnaplan.errors import RefusedError
 from ronnaplan.jobs.localizing import warm_up
+from ronnaplan.node import papers as papers_module
 from ronnaplan.node import work
 from ronnaplan.node.config import Rule
 from ronnaplan.node.index import Index
@@ -76,6 +77,27 @@ def test_a_folder_of_documents_that_cannot_be_looked_into_is_told_once_and_keeps
     for now in (0.0, 10.0):
         watch.tick(now)
     assert said.getvalue().count("documents unread") == 1
+
+
+def test_a_study_s_folder_that_cannot_be_looked_into_keeps_no_other_study_waiting(
+    index: Index, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked: list[str] = []
+
+    def stamp(folder: Path) -> str:
+        if folder.name == "1.1":
+            raise PermissionError(13, "Permission denied", str(folder))
+        looked.append(folder.name)
+        return ""
+
+    monkeypatch.setattr(papers_module, "stamp_of", stamp)
+    for study in ("1.1", "1.2"):
+        (tmp_path / "documents" / study).mkdir(parents=True)
+    said = io.StringIO()
+    config = configuration(tmp_path, rule=[{"name": "r", "documents": "documents"}])
+    PapersWatch(config, index, Log(said)).tick(0.0)
+    assert looked == ["1.2"]
+    assert "1.1" in said.getvalue()
 
 
 def test_registration_and_plan_become_objects_of_the_patient_s_study(order: Order) -> None:
