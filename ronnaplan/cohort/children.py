@@ -13,7 +13,7 @@ import time
 from typing import Any, Final
 
 from ronnaplan.jobs.processes import Child
-from ronnaplan.jobs.serving import BROKEN
+from ronnaplan.jobs.serving import BROKEN, heard
 
 WORKER: Final = "ronnaplan.cohort.work"
 MOST_ORDERS: Final = 200
@@ -48,14 +48,13 @@ class _Hand:
         while (left := last - time.monotonic()) > 0:
             has_ended = self.child.status is not None
             try:
-                told: dict[str, Any] = json.loads(self._said.get(timeout=0 if has_ended else min(left, POLL_S)))
+                told = heard(self._said.get(timeout=0 if has_ended else min(left, POLL_S)))
             except queue.Empty:
                 if has_ended:
                     return None
-            except ValueError:  # a line torn by its death
-                continue
             else:
-                return told
+                if told is not None:
+                    return told
         return None
 
 

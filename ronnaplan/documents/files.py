@@ -195,9 +195,8 @@ def check_target(path: str | os.PathLike[str]) -> None:
 
 
 def _check_place(path: str | os.PathLike[str], target: Path) -> None:
-    if (
-        Path(path).exists() and not Path(path).is_file()
-    ):  # /dev/stdout is a link whose target has no name, of a pipe
+    # not of the target: /dev/stdout is a link whose target, a pipe, has no name
+    if Path(path).exists() and not Path(path).is_file():
         raise InputError(f"{os.fspath(path)} is no regular file; give the path of a file to write")
     if not target.parent.is_dir():
         raise InputError(
@@ -239,10 +238,10 @@ def read_json(path: str | os.PathLike[str]) -> Any:
 
 
 def make_folder(path: str | os.PathLike[str]) -> Path:
-    """Return the folder at ``path``, made if it is not there; raises `InputError` where it cannot be."""
+    """Return the folder at ``path``, made if it is not there; raises `UnwrittenError` where it cannot be."""
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"cannot make the folder {folder}: {error.strerror}; {_remedy(error)}") from error
+        raise UnwrittenError(f"cannot make the folder {folder}: {error.strerror}; {_remedy(error)}") from error
     return folder

@@ -1,6 +1,7 @@
 """The loop of a child process that works. Orders are JSON, a line of standard input each; what is done is told alike.
 
-``ready`` is told once it can begin; ``ended``, with a state and a reason, when there is no more of an order.
+``ready`` is told once it can begin; ``ended``, with a state and a reason, when there is no more of an order. A fault
+that ``passes`` is none of the order's, as of a disk without room.
 """
 
 from __future__ import annotations
@@ -19,6 +20,15 @@ from ronnaplan.jobs.processes import end_with_parent
 MIB = 1 << 20
 DONE, REFUSED, BROKEN = "done", "refused", "broken"
 """How a job ends: with answers, with a reason that no second attempt would change, or by a fault."""
+
+
+def heard(line: str) -> dict[str, Any] | None:
+    """Return what a child told in a line; None for what a library prints, or a line torn by the child's death."""
+    try:
+        told = json.loads(line)
+    except ValueError:
+        return None
+    return told if isinstance(told, dict) and "event" in told else None
 
 
 class Tell(Protocol):
@@ -70,7 +80,7 @@ def _serve(
         try:
             work(order, tell)
         except UnwrittenError as error:  # there may be room later
-            tell("ended", job=order["job"], state=BROKEN, reason=str(error))
+            tell("ended", job=order["job"], state=BROKEN, reason=str(error), passes=True)
         except RonnaplanError as error:
             tell("ended", job=order["job"], state=REFUSED, reason=str(error))
         except Exception as error:  # whatever it is, it is this job's: told, and tried again

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections import deque
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
 from ronnaplan.jobs.processes import Child
-from ronnaplan.jobs.serving import BROKEN, DONE, REFUSED
+from ronnaplan.jobs.serving import BROKEN, DONE, REFUSED, heard
 from ronnaplan.node.audit import CREATED, MINOR_FAILURE, READ, SERIOUS_FAILURE, SUCCESS, Audit, Instances
 from ronnaplan.node.config import Config
 from ronnaplan.node.index import LONGEST_WAIT_S, Index, SeriesRow
@@ -197,12 +196,8 @@ class Foreman:
 
     def _note(self, number: int, line: str, now: float) -> None:
         """Note what a worker said; once more, where the index could not be written."""
-        worker = self._workers.get(number)
-        try:
-            told: Any = json.loads(line)
-        except ValueError:  # what a library prints, or a line torn by its worker's death
-            return
-        if worker is None or not isinstance(told, dict):  # a number that a library prints
+        worker, told = self._workers.get(number), heard(line)
+        if worker is None or told is None:
             return
         if told["event"] == "ready":
             worker.is_ready = True
@@ -220,7 +215,7 @@ class Foreman:
 
     def _ended(self, number: int, job: JobRow, told: dict[str, Any], now: float) -> None:
         if told["state"] == BROKEN:
-            self._broken(job, told["reason"], now)
+            self._broken(job, told["reason"], now, passes=told.get("passes", False))
         else:
             self._end(job, DONE if told["state"] == DONE else REFUSED, told["reason"], now)
         self._dismiss(number)
@@ -244,9 +239,10 @@ class Foreman:
                 )
         self._log.tell("answer", job=job.id, kind=told["kind"], sop_instance=told["sop_uid"])
 
-    def _broken(self, job: JobRow, reason: str, now: float) -> None:
+    def _broken(self, job: JobRow, reason: str, now: float, *, passes: bool = False) -> None:
+        """Have a job done again, but for the last attempt; a fault that ``passes`` is waited for without end."""
         jobs = self._config.jobs
-        if job.attempts >= jobs.attempts:
+        if job.attempts >= jobs.attempts and not passes:
             self._end(job, "failed", f"{reason} (attempt {job.attempts}, the last)", now)
             return
         due = now + wait_s(job.attempts, jobs.retry_s)

@@ -31,6 +31,8 @@ def obey(line: str) -> None:
             tell(event="ended", job=order.job, state="broken", reason=f"too much memory {error}")
     elif kind == "1.4.4":
         tell(event="ended", job=order.job, state="refused", reason="no marker")
+    elif (order.home / "full").exists():
+        tell(event="ended", job=order.job, state="broken", reason="no room", passes=True)
     else:
         order.output.mkdir(parents=True)
         os.write(1, b"what a library written in C prints\n0.5\n")

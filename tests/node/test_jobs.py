@@ -190,6 +190,27 @@ def test_what_a_full_disk_keeps_from_being_noted_is_noted_later(
         assert index.rows("SELECT kind FROM answers") == [("sr",)]
 
 
+def test_a_job_waits_for_room_longer_than_its_attempts(
+    index: Index, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path.cwd()), os.environ.get("PYTHONPATH", "")]))
+    job(index, "1.4.0")
+    (tmp_path / "full").touch()
+    config = configuration(tmp_path, jobs={"attempts": 1, "retry_s": 0.1}, rule=[{"name": "all"}])
+    foreman = Foreman(config, index, Log(io.StringIO()), "tests.node.fake_work")
+
+    def reached(state: str, attempts: int) -> bool:
+        foreman.tick(time.time())
+        return states(index)["good"] == (state, attempts)
+
+    try:
+        until(lambda: reached("waiting", 2), 60.0)
+        (tmp_path / "full").unlink()
+        until(lambda: reached("done", 3), 60.0)
+    finally:
+        foreman.close()
+
+
 def test_an_answer_that_cannot_be_written_now_is_made_later(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -200,6 +221,7 @@ def test_an_answer_that_cannot_be_written_now_is_made_later(
 
     def tell(event: str, **facts: Any) -> None:
         told.append(facts.get("state", event))
+        told.extend(name for name in facts if name == "passes")
         if event == "ended":
             raise OverError
 
@@ -215,7 +237,7 @@ def test_an_answer_that_cannot_be_written_now_is_made_later(
     orders.put(given.text)
     with pytest.raises(OverError):
         _serve(orders, tell, lambda: None, lambda _, tell: work._answer(given, "sr", lambda: made, tell), None)
-    assert told == ["ready", "broken"]
+    assert told == ["ready", "broken", "passes"]
 
 
 def test_a_job_of_a_series_that_has_grown_is_not_begun(index: Index, tmp_path: Path) -> None:
