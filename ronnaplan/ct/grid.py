@@ -34,6 +34,9 @@ FARTHEST_MM: Final = 1e5
 PERPENDICULAR_TOLERANCE: Final = 2e-4
 """Largest departure of written directions from perpendicular unit vectors (cosines rounded to 4 decimals)."""
 
+LAST_ROW_TOLERANCE: Final = 1e-9
+"""What an affine that was fitted may differ in from one that ends in 0 0 0 1, by rounding."""
+
 LEAST_STACKING: Final = 0.1
 """Cosine between the slice axis and the normal, below which slices do not stack."""
 
@@ -141,7 +144,8 @@ class SliceGrid:
     def checked_affine(affine: ArrayLike) -> FloatArray:
         """Return an affine as an array (4, 4); raises `InputError` for what is none."""
         matrix = as_numbers(affine, "the affine's entries", "(4, 4)")
-        if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or (matrix[3] != (0, 0, 0, 1)).any():
+        is_affine = matrix.shape == (4, 4) and np.allclose(matrix[3], (0, 0, 0, 1), rtol=0, atol=LAST_ROW_TOLERANCE)
+        if not is_affine or not np.isfinite(matrix).all():
             raise InputError("the affine is no finite (4, 4) that maps (k, j, i, 1) to LPS mm and ends in 0 0 0 1")
         try:
             require_grid(matrix)

@@ -34,6 +34,12 @@ def test_an_array_and_its_affine_place_each_voxel() -> None:
     assert repr(ct) == "CTVolume(4 slices of 5 x 6, 1.5 x 0.7 x 0.5 mm)"
 
 
+def test_an_affine_that_was_fitted_ends_in_rounded_numbers() -> None:
+    ct = volume()
+    fitted = ct.affine + [[0.0], [0.0], [0.0], [1e-12]]
+    np.testing.assert_array_equal(CTVolume.from_array(ct.voxels_hu, fitted).affine, ct.affine)
+
+
 @pytest.mark.parametrize("package", ["nibabel", "xarray", "pyvista"])
 def test_a_package_that_is_missing_is_told_with_the_extra_that_brings_it(
     package: str, monkeypatch: pytest.MonkeyPatch
