@@ -6,8 +6,11 @@ import errno
 
 from ronnaplan.text import LONGEST_SENTENCE, printable
 
-NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.ENOENT})
-"""What the system says where a disk takes no more; ENOENT, of no file: that no folder takes temporary ones."""
+NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT})
+"""What the system says where a disk, or this user's share of it, takes no more."""
+
+NO_ROOM_HERE = NO_ROOM | {errno.EFBIG, errno.ENOENT}
+"""The same of a whole command: a file may grow no larger; ENOENT, of no file: that no folder takes temporary ones."""
 
 
 class RonnaplanError(Exception):

@@ -144,7 +144,9 @@ class SliceGrid:
     def checked_affine(affine: ArrayLike) -> FloatArray:
         """Return an affine as an array (4, 4); raises `InputError` for what is none."""
         matrix = as_numbers(affine, "the affine's entries", "(4, 4)")
-        is_affine = matrix.shape == (4, 4) and np.allclose(matrix[3], (0, 0, 0, 1), rtol=0, atol=LAST_ROW_TOLERANCE)
+        is_affine = matrix.shape == (4, 4) and np.allclose(
+            matrix[3], (0, 0, 0, 1), rtol=0, atol=LAST_ROW_TOLERANCE
+        )
         if not is_affine or not np.isfinite(matrix).all():
             raise InputError("the affine is no finite (4, 4) that maps (k, j, i, 1) to LPS mm and ends in 0 0 0 1")
         try:

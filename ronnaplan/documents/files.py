@@ -16,7 +16,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ronnaplan.errors import InputError, UnwrittenError, UsageError
+from ronnaplan.errors import NO_ROOM, InputError, UnwrittenError, UsageError
 from ronnaplan.portable import keep_access, replace, sync_folder
 from ronnaplan.untrusted import parse_json, read_whole
 
@@ -26,7 +26,7 @@ MAX_DOCUMENT_BYTES = 16 * 2**20
 """Documents are a few kilobytes; a larger file is something else."""
 
 REMEDIES = {
-    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), "make room on its disk"),
+    **dict.fromkeys(NO_ROOM, "make room on its disk"),
     **dict.fromkeys((errno.EROFS, errno.EACCES, errno.EPERM), "make that place writable"),
     errno.EIO: "check its disk",
 }

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Protocol
 
-from ronnaplan.errors import RonnaplanError, UnwrittenError
+from ronnaplan.errors import NO_ROOM, RonnaplanError, UnwrittenError
 from ronnaplan.jobs.processes import end_with_parent
 
 MIB = 1 << 20
@@ -84,4 +84,6 @@ def _serve(
         except RonnaplanError as error:
             tell("ended", job=order["job"], state=REFUSED, reason=str(error))
         except Exception as error:  # whatever it is, it is this job's: told, and tried again
-            tell("ended", job=order["job"], state=BROKEN, reason=f"{type(error).__name__}: {error}")
+            passes = isinstance(error, OSError) and error.errno in NO_ROOM
+            reason = f"{type(error).__name__}: {error}"
+            tell("ended", job=order["job"], state=BROKEN, reason=reason, passes=passes)

@@ -250,13 +250,8 @@ def main(memory_mib: str, begun: str = "") -> int:
 
     def give_way(half: Begun) -> None:
         with tempfile.TemporaryFile(dir=half.order.output) as file:
-            try:
-                pickle.dump(half, file)
-                file.flush()
-            except OSError as error:
-                raise UnwrittenError(
-                    f"cannot write in {half.order.output}: {error}; make room on its disk"
-                ) from error
+            pickle.dump(half, file)
+            file.flush()
             file.seek(0)
             arguments = [sys.executable, "-m", MODULE, memory_mib, str(file.fileno())]
             run_instead(arguments, keep=file.fileno())

@@ -36,7 +36,8 @@ def test_an_array_and_its_affine_place_each_voxel() -> None:
 
 def test_an_affine_that_was_fitted_ends_in_rounded_numbers() -> None:
     ct = volume()
-    fitted = ct.affine + [[0.0], [0.0], [0.0], [1e-12]]
+    fitted = ct.affine
+    fitted[3] += 1e-12
     np.testing.assert_array_equal(CTVolume.from_array(ct.voxels_hu, fitted).affine, ct.affine)
 
 

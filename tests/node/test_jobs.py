@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import os
@@ -211,8 +212,16 @@ def test_a_job_waits_for_room_longer_than_its_attempts(
         foreman.close()
 
 
+@pytest.mark.parametrize(
+    ("error", "expected"),
+    [
+        (UnwrittenError("no room"), ["ready", "broken", "passes"]),
+        (OSError(errno.ENOSPC, "no room"), ["ready", "broken", "passes"]),
+        (OSError(errno.EBADF, "a fault of ours"), ["ready", "broken"]),
+    ],
+)
 def test_an_answer_that_cannot_be_written_now_is_made_later(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception, expected: list[str]
 ) -> None:
     class OverError(Exception):
         pass
@@ -221,12 +230,12 @@ def test_an_answer_that_cannot_be_written_now_is_made_later(
 
     def tell(event: str, **facts: Any) -> None:
         told.append(facts.get("state", event))
-        told.extend(name for name in facts if name == "passes")
+        told.extend(["passes"] if facts.get("passes") else [])
         if event == "ended":
             raise OverError
 
     def refuse(*_: object) -> None:
-        raise UnwrittenError("no room")
+        raise error
 
     made = FileDataset("made.dcm", {})
     made.SOPInstanceUID = made.SOPClassUID = "1.2"
@@ -237,7 +246,7 @@ def test_an_answer_that_cannot_be_written_now_is_made_later(
     orders.put(given.text)
     with pytest.raises(OverError):
         _serve(orders, tell, lambda: None, lambda _, tell: work._answer(given, "sr", lambda: made, tell), None)
-    assert told == ["ready", "broken", "passes"]
+    assert told == expected
 
 
 def test_a_job_of_a_series_that_has_grown_is_not_begun(index: Index, tmp_path: Path) -> None:
