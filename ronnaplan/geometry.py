@@ -90,6 +90,8 @@ def as_numbers(values: ArrayLike, name: str, expected: str) -> FloatArray:
         raise InputError(f"{name} are masked in part; leave out what is, expected {expected}")
     try:
         given = np.asarray(values)
+        if given.dtype.kind == "O":  # as of a table: NumPy tells of a list what its values are
+            given = np.asarray(given.tolist())
         if np.iscomplexobj(given):
             raise InputError(f"{name} are complex numbers; expected {expected}")
         if given.dtype.kind in NO_NUMBERS:

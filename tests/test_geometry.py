@@ -24,6 +24,7 @@ from tests.registration import scene
         ([[1 + 2j, 0, 0]], "complex"),
         ([["1", "2", "1_0"]], "not numbers"),
         ([[True, False, True]], "not numbers"),
+        (np.array([["1", "2", "1_0"]], object), "not numbers"),
         (np.zeros((1, 3), "datetime64[s]"), "not numbers"),
         (np.zeros((2, 3), dtype=complex), "complex"),
         (np.ma.masked_greater(np.eye(3), 0.5), "masked in part"),
