@@ -131,8 +131,7 @@ class Foreman:
             return False
         job = found[0]
         (series,) = self._index.records(SeriesRow, "FROM series WHERE id = ?", job.series)
-        named = (one for one in self._config.rule if one.name == job.rule)
-        rule = next(named, None) or rule_for(series, self._config.rule)  # a rule may have been given another name
+        rule = next((one for one in self._config.rule if one.name == job.rule), None)
         if rule is None or series.revision != job.revision:
             reason = (
                 "its rule is no longer there, and no other fits" if rule is None else "instances came after it"
@@ -144,10 +143,8 @@ class Foreman:
         folder = data / INSTANCES / series.study_uid / series.series_uid
         output = data / ANSWERS / str(job.id)
         order = Order(job.id, folder, series.instances, self._config.home, output, rule, have)
-        self._index.run(
-            "UPDATE jobs SET state = 'running', rule = ?, attempts = attempts + 1 WHERE id = ?", rule.name, job.id
-        )
-        worker.job, worker.fault = replace(job, rule=rule.name, attempts=job.attempts + 1), ""
+        self._index.run("UPDATE jobs SET state = 'running', attempts = attempts + 1 WHERE id = ?", job.id)
+        worker.job, worker.fault = replace(job, attempts=job.attempts + 1), ""
         worker.last = now + self._config.jobs.seconds
         worker.child.say(order.text)
         self._tell(job, "started", READ, SUCCESS)

@@ -30,6 +30,18 @@ class SeriesWatch:
         for series in index.records(SeriesRow, UNRULED):
             if rule_for(series, config.rule) is not None:
                 index.run("UPDATE series SET complete = 0 WHERE id = ?", series.id)
+        self._rename()
+
+    def _rename(self) -> None:
+        """Put the jobs of rules that are no longer there under those that fit: a rule may have another name now."""
+        names = {rule.name for rule in self._config.rule}
+        for job, series_id, name in self._index.rows("SELECT id, series, rule FROM jobs"):
+            if name in names:
+                continue
+            (series,) = self._index.records(SeriesRow, "FROM series WHERE id = ?", series_id)
+            rule = rule_for(series, self._config.rule)
+            if rule is not None:
+                self._index.run("UPDATE jobs SET rule = ? WHERE id = ?", rule.name, job)
 
     def tick(self, now: float, listening_since: float = 0.0) -> None:
         """Note what is complete at ``now`` (both in seconds since 1970).

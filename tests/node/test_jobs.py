@@ -75,7 +75,7 @@ def test_files_that_are_no_answers_are_removed_at_the_start_and_with_their_job(
     index: Index, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path.cwd()), os.environ.get("PYTHONPATH", "")]))
-    config = configuration(tmp_path, rule=[{"name": "as it is called now"}])  # and not when the scan came
+    config = configuration(tmp_path, rule=[{"name": "all"}])
     answers = config.data / "answers"
     (answers / "9").mkdir(parents=True)
     (answers / "9" / "y.dcm").write_bytes(b"of a node that was killed")

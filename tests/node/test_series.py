@@ -129,6 +129,23 @@ def test_a_series_that_no_rule_fitted_is_worked_on_once_one_does(index: Index, t
         assert jobs(index) == [(1, state)]
 
 
+def test_a_job_goes_on_under_the_rule_that_fits_where_its_own_has_another_name(
+    index: Index, tmp_path: Path
+) -> None:
+    """One that is done, too: documents that come later are looked for by it."""
+    watch(index, tmp_path)
+    add(index, 0, 100.0)
+    watch(index, tmp_path).tick(120.0)
+    index.run("UPDATE jobs SET state = 'done'")
+    for rules, expected in (
+        ([{**RULE, "name": "now"}], "now"),
+        ([{**RULE, "name": "other"}, {**RULE, "name": "now"}], "now"),
+        ([{**RULE, "name": "none", "station": "CT-1"}], "now"),
+    ):
+        SeriesWatch(configuration(tmp_path, rule=rules), index, Log(io.StringIO()))
+        assert index.rows("SELECT rule, state FROM jobs") == [(expected, "done")]
+
+
 @pytest.mark.parametrize(
     ("pattern", "fits"),
     [
