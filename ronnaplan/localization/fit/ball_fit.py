@@ -16,7 +16,7 @@ from ronnaplan.localization.fit.guess import METAL_HU
 from ronnaplan.localization.fit.model import has_streaks
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import BACKGROUND, BLUR, CENTER, CONTRAST, RADIUS
-from ronnaplan.localization.fit.shading import PLATEAU_SHARE, shaded
+from ronnaplan.localization.fit.shading import PLATEAU_SHARE, Shading, shaded
 
 
 @dataclass(frozen=True)
@@ -28,11 +28,8 @@ class BallFit:
     marks the voxels that informed the fit, ``residuals_hu`` (N,) is data minus model and shading, ``unshaded_hu`` (N,)
     data minus model alone, ``jacobian`` (N, P) the model's derivatives, ``influence_mm_per_hu`` (N, 3) how far one HU
     at a voxel moves the center, ``center_by_radius`` (3,) how far the fit would move it for each mm that the radius
-    were held larger, ``center_by_layer`` (3, 3) how far it is moved, in mm, where what is wrapped around, or the cavity
-    of a shell whose shading was not asked for, lies aside by the layer's whole thickness along u, v, w; shading tells
-    otherwise how far a cavity does, ``aside_mm`` (3,).
-    ``is_shaded`` says whether the shading was asked for, ``is_clipped`` whether voxels that informed the fit are at the
-    top of the scale. ``made_good_mm`` (3,) is how far the center was moved, in LPS, by what a head does to the image
+    were held larger, ``aside_mm`` (3,) how far a cavity lies aside, if the shading, which tells it, was asked for
+    (``is_shaded``). ``made_good_mm`` (3,) is how far the center was moved, in LPS, by what a head does to the image
     being made good, and None where that was not done. ``by_part_mm2`` (3, 3), along u, v, w, is how well the center is
     known where a part of the ball told it better than the whole, as the rest is pulled by a screw that crosses its
     slices (`judge.crossed`) or by the rim of a socket (`judge.rim`), and None elsewhere; ``drawn`` is the fit by the
@@ -47,10 +44,8 @@ class BallFit:
     jacobian: FloatArray
     influence_mm_per_hu: FloatArray
     center_by_radius: FloatArray
-    center_by_layer: FloatArray
     aside_mm: FloatArray
     is_shaded: bool
-    is_clipped: bool
     verdict: Verdict
     converged: bool
     prior: Prior
@@ -84,6 +79,24 @@ class BallFit:
     def may_be_metal(self) -> bool:
         """Whether the ball is metal, or the scale's end hides whether it is."""
         return not self.is_shaded or (has_streaks(self.theta) and self.contrast_hu > METAL_HU)
+
+    @cached_property
+    def is_clipped(self) -> bool:
+        """Whether voxels that informed the fit are at the top of the scale."""
+        return bool((self.neighbourhood.values_hu[self.used] >= self.ceiling_hu).any())
+
+    @cached_property
+    def center_by_layer(self) -> FloatArray:
+        """How far the center (3, 3) is moved, in mm, by a layer that lies aside by its whole thickness along u, v, w.
+
+        That is what is wrapped around, or the cavity of a shell whose shading was not asked for.
+        """
+        layer_mm = self.prior.layer_mm
+        if not self.converged or layer_mm == 0.0 or (layer_mm < 0.0 and self.is_shaded):
+            return np.zeros((3, 3))
+        by_place = layer_jacobian(self.neighbourhood, self.theta, layer_mm)
+        moved: FloatArray = layer_mm * self.influence_mm_per_hu.T @ by_place
+        return moved
 
     @property
     def coverage(self) -> float:
@@ -119,41 +132,26 @@ def fit_at(
     if not converged:  # its tests ask for nothing else
         around, used = around.select(used), np.ones(np.count_nonzero(used), dtype=np.bool_)
     residuals, jacobian = residuals_and_jacobian(around, theta, prior.layer_mm, ceiling_hu)
-    unshaded = residuals
-    by_radius, aside_mm = np.zeros(3), np.zeros(3)
+    moves, by_radius = np.zeros_like(around.offsets_mm), np.zeros(3)
+    if converged:
+        moves[used], by_radius = influence(jacobian.take(np.flatnonzero(used), axis=0), prior.weight)
+    shading = Shading(np.zeros(3), np.zeros(3), moves, residuals)
     is_shaded = converged and ceiling_hu - theta[BACKGROUND] >= PLATEAU_SHARE * theta[CONTRAST]
     if is_shaded:
-        by_radius = influence(_of_used(jacobian, used), prior.weight)[1]
         shading = shaded(around, theta, residuals, jacobian, used, prior, slopes=slopes, bends=bends)
-        theta = np.append(theta[CENTER] + shading.shift_mm, theta[RADIUS:])
-        residuals, moves, aside_mm = shading.residuals_hu, shading.influence_mm_per_hu, shading.aside_mm
-    else:
-        moves = np.zeros_like(around.offsets_mm)
-        if converged:
-            moves[used], by_radius = influence(_of_used(jacobian, used), prior.weight)
-    by_layer = np.zeros((3, 3))
-    if converged and (prior.layer_mm > 0.0 or (prior.layer_mm < 0.0 and not is_shaded)):
-        by_layer = prior.layer_mm * moves.T @ layer_jacobian(around, theta, prior.layer_mm)
     return BallFit(
         neighbourhood=around,
-        theta=theta,
+        theta=np.append(theta[CENTER] + shading.shift_mm, theta[RADIUS:]),
         used=used,
-        residuals_hu=residuals,
-        unshaded_hu=unshaded,
+        residuals_hu=shading.residuals_hu,
+        unshaded_hu=residuals,
         jacobian=jacobian,
-        influence_mm_per_hu=moves,
+        influence_mm_per_hu=shading.influence_mm_per_hu,
         center_by_radius=by_radius,
-        center_by_layer=by_layer,
-        aside_mm=aside_mm,
+        aside_mm=shading.aside_mm,
         is_shaded=is_shaded,
-        is_clipped=bool((around.values_hu[used] >= ceiling_hu).any()),
         verdict=verdict,
         converged=converged,
         prior=prior,
         ceiling_hu=ceiling_hu,
     )
-
-
-def _of_used(jacobian: FloatArray, used: NDArray[np.bool_]) -> FloatArray:
-    """Return the rows of a ``jacobian`` (N, P) that are ``used`` (N,)."""
-    return jacobian.take(np.flatnonzero(used), axis=0)

@@ -89,7 +89,7 @@ def test_what_lies_unevenly_around_a_ball_moves_its_center_as_far_as_is_stated()
     np.testing.assert_allclose(fit.center_mm - center, stated, atol=0.3 * float(np.linalg.norm(stated)))
     error = fit.center_mm - center
     assert error @ np.linalg.solve(center_covariance(fit, movement(Edge(fit))), error) < CHI2_95
-    unaware = replace(fit, center_by_layer=np.zeros((3, 3)))
+    unaware = replace(fit, prior=replace(fit.prior, layer_mm=0.0))
     assert error @ np.linalg.solve(center_covariance(unaware, movement(Edge(fit))), error) > CHI2_95
 
 
