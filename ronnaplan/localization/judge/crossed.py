@@ -68,54 +68,56 @@ def without_the_screw(volume: CTVolume, fit: BallFit) -> BallFit:
 def untold_mm2(volume: CTVolume, fit: BallFit) -> FloatArray:
     """Covariance (3, 3) in LPS, mm^2, of the pull of a screw that leaves too few slices clear to tell it.
 
-    It makes one pole fainter, and so pulls across the slices. What crosses both halves alike does not.
+    It makes one pole fainter, and so pulls across the slices, as far as it reaches into one half more than into the
+    other. What crosses both alike does not.
     """
     fit = fit.drawn or fit
-    clear = _clear_heights_mm(volume, fit) if is_plain(fit) and fit.by_part_mm2 is None else None
-    if clear is None or max(clear) <= 0.0:
+    crossed_mm = _crossed_mm(volume, fit) if is_plain(fit) and fit.by_part_mm2 is None else None
+    if crossed_mm is None:
         return np.zeros((3, 3))
-    above_mm, below_mm = (max(height_mm, 0.0) for height_mm in clear)
-    one_sided = (above_mm - below_mm) / (above_mm + below_mm)
+    low, high = np.clip(np.array(crossed_mm) / fit.theta[RADIUS], -1.0, 1.0)
     across = fit.neighbourhood.axes[_across(fit)]
-    stated: FloatArray = (one_sided * CROSSED_PULL_MM) ** 2 * np.outer(across, across)
+    stated: FloatArray = (min(abs(low + high), 1.0) * CROSSED_PULL_MM) ** 2 * np.outer(across, across)
     return stated
 
 
 def _clear_of_screws(volume: CTVolume, fit: BallFit) -> NDArray[np.bool_] | None:
     """Whether no screw crosses the slices of the voxels (N,) of a fit; None where none or too many are crossed."""
-    clear = _clear_heights_mm(volume, fit)
-    if clear is None:
+    crossed_mm = _crossed_mm(volume, fit)
+    if crossed_mm is None:
         return None
-    above_mm, below_mm = clear
     radius_mm, width_mm = float(fit.theta[RADIUS]), float(fit.theta[WIDTH])
+    low_mm, high_mm = crossed_mm[0] - _beside_mm(volume, fit), crossed_mm[1] + _beside_mm(volume, fit)
+    above_mm, below_mm = radius_mm - high_mm, low_mm + radius_mm
     least_mm = max(LEAST_KEPT * 2.0 * radius_mm, ADAPTED_SLICES * max(width_mm, volume.grid.typical_gap_mm))
-    if max(clear) < least_mm:
+    if max(above_mm, below_mm) < least_mm:
         return None
     across = _across(fit)
     heights_mm = fit.neighbourhood.offsets_mm[:, across] - fit.theta[CENTER][across]
-    is_clear: NDArray[np.bool_] = (
-        heights_mm > radius_mm - above_mm if above_mm > below_mm else heights_mm < below_mm - radius_mm
-    )
+    is_clear: NDArray[np.bool_] = heights_mm > high_mm if above_mm > below_mm else heights_mm < low_mm
     return is_clear
 
 
-def _clear_heights_mm(volume: CTVolume, fit: BallFit) -> tuple[float, float] | None:
-    """How much of a ball's height no screw crosses, from its upper and from its lower end; None where none crosses it.
+def _crossed_mm(volume: CTVolume, fit: BallFit) -> tuple[float, float] | None:
+    """From what height over a ball's center to what height metal lies beside it; None where its slices cross none.
 
     Slices as they were measured: rays run across the patient's axis in coronal and sagittal pictures, too.
     """
-    radius_mm, width_mm = float(fit.theta[RADIUS]), float(fit.theta[WIDTH])
-    axes = fit.neighbourhood.axes
+    radius_mm, axes = float(fit.theta[RADIUS]), fit.neighbourhood.axes
     touching = cell_directions()[fit.verdict.state == 0] @ axes
-    clear_mm = radius_mm + margin_mm(width_mm, fit.sigma_mm)
+    clear_mm = radius_mm + margin_mm(float(fit.theta[WIDTH]), fit.sigma_mm)
     metal_mm, _ = metal_beyond(volume, fit.center_mm, touching, clear_mm, fit.ceiling_hu)
     if not len(metal_mm):
         return None
     heights_mm = metal_mm @ axes[_across(fit)]
-    beside_mm = (width_mm + volume.grid.typical_gap_mm) / 2.0
-    above_mm = radius_mm - float(heights_mm.max()) - beside_mm
-    below_mm = radius_mm + float(heights_mm.min()) - beside_mm
-    return None if max(above_mm, below_mm) >= 2.0 * radius_mm else (above_mm, below_mm)
+    low_mm, high_mm = float(heights_mm.min()), float(heights_mm.max())
+    beyond_mm = radius_mm + _beside_mm(volume, fit)
+    return (low_mm, high_mm) if low_mm < beyond_mm and high_mm > -beyond_mm else None
+
+
+def _beside_mm(volume: CTVolume, fit: BallFit) -> float:
+    """How far from metal a slice still crosses it."""
+    return (float(fit.theta[WIDTH]) + volume.grid.typical_gap_mm) / 2.0
 
 
 def _across(fit: BallFit) -> int:
