@@ -26,5 +26,9 @@ SIGMA_LAMP_DEG = 0.02
 """How far the middle of a lamp about a lens is from the lens, as seen from the sphere, to either side: 0.1 mm at
 300 mm. The image does not show it."""
 
+SIGMA_SQUARE = 1e-4
+"""Error of the side of a calibration board's squares, as a part of it: 0.01 mm in 100 mm, as boards on glass or metal
+are made to. A board that was printed or measured by a ruler is off by 0.001 and more, which no image shows."""
+
 LARGEST_STATED_MM = 0.012
 """A center that two cameras find with a larger stated error (RMS) is refused. Few err by 0.02 mm."""

@@ -19,6 +19,8 @@ from ronnaplan.robot.circles import Image
 FEWEST_BOARDS = 6
 FEWEST_CORNERS, MOST_CORNERS = 3, 100
 """Inner corners that a board may have along either side."""
+BENT_ORDER = 4
+"""A board may be bent as a polynomial of up to this degree along both sides together."""
 BRIGHTEST_PERCENT = (100, 95)
 """What is brighter than so much of the image is taken for white when boards are looked for: nothing at first, then a
 retro-reflective marker or another highlight, beside which a board may be too dark to be found."""
@@ -67,6 +69,24 @@ def grid_mm(corners: tuple[int, int], square_mm: float) -> FloatArray:
     places = np.zeros((corners[0] * corners[1], 3))
     places[:, :2] = np.mgrid[: corners[0], : corners[1]].T.reshape(-1, 2) * square_mm
     return places
+
+
+def shapes(corners: tuple[int, int]) -> FloatArray:
+    """Return how a board's inner corners move (K, 3, S) by each number of its shape, by 1 RMS or more.
+
+    It may be bent, stretched along one side against the other, and lean. Its scale and place are not of its shape.
+    """
+    columns, rows = corners
+    places = grid_mm(corners, 1.0)[:, :2]
+    x, y = ((places - places.mean(axis=0)) / places.std()).T
+    powers = [(i, j) for i in range(columns) for j in range(rows) if i + j <= BENT_ORDER]
+    powers.sort(key=sum)  # those of a plane first, to which the others are made square
+    bent = np.linalg.qr(np.column_stack([x**i * y**j for i, j in powers]))[0][:, 3:] * np.sqrt(len(x))
+    moves = np.zeros((len(x), 3, bent.shape[1] + 2))
+    moves[:, 2, :-2] = bent
+    moves[:, :2, -2] = np.column_stack([x, -y])
+    moves[:, :2, -1] = np.column_stack([y, x])
+    return moves
 
 
 def quarters_apart(left: FloatArray, right: FloatArray, square: bool) -> list[int]:

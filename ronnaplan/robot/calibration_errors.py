@@ -1,7 +1,8 @@
 """How wrong two calibrated cameras may be, and what that does to the place of a sphere.
 
 The cameras are those that fit a board's corners best, so that the corners' noise makes them wrong by the inverse of the
-normal matrix (the Jacobian's square) of that fit. Lenses are no polynomials: what the cameras' model lacks makes them
+normal matrix (the Jacobian's square) of that fit. How long the squares are is stated to `SIGMA_SQUARE`: it makes all
+distances wrong alike. Lenses are no polynomials: what the cameras' model lacks makes them
 wrong, too, where boards were seen, and more where they were not. So a lens may bend otherwise by any smooth field in
 its image, as large as the corners' residuals tell.
 
@@ -17,27 +18,16 @@ from functools import lru_cache
 
 import numpy as np
 
-from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import exponential, point_jacobian, rigid
 from ronnaplan.robot.board import grid_mm
+from ronnaplan.robot.calibration_fit import CAMERAS, FIELDS, FREE, ORDERS, Fit, fields_of, shown_by, told_by
 from ronnaplan.robot.camera import Boards, Camera, StereoRig
+from ronnaplan.sigmas import SIGMA_SQUARE
 
-LENS_ORDER = 4
-"""A lens may bend otherwise in cosines over its image of up to so many half periods along both axes together."""
-ORDERS = np.array([(i, j) for i in range(LENS_ORDER + 1) for j in range(LENS_ORDER + 1 - i)])
-FREE = 15
-"""Numbers of a camera: focal lengths and middle (4), distortion (5), and the motion of its place in the rig (6)."""
-FIELDS = 2 * len(ORDERS)
-"""Of one camera: of x and of y."""
-BOARD_STEPS = 6
 RING = np.linspace(0, 2 * np.pi, 24, endpoint=False)
 """Where on a sphere's outline it is looked at."""
 LOOKED_AT = 12, 10
 """At so many columns and rows of the left image it is looked at whether places are known."""
-SMALLEST_INFORMATION = 1e-9
-"""Smallest over largest eigenvalue of the scaled normal matrix, but for the rig's own motion, of boards that determine
-the cameras: eight boards of the studies have 1e-7 and more, eight at one place 2e-11."""
 UNTOLD = 1e-8
 """Fields of a lens that move corners less, of the most (squared), than the cameras cannot follow, are not told."""
 
@@ -47,7 +37,7 @@ class CalibrationErrors:
     """What cameras do not know of themselves; numbers are of the left camera (15), then of the right."""
 
     covariance: FloatArray
-    """(30, 30) by the noise of the boards' corners."""
+    """(30, 30) by the noise of the boards' corners, their shape left open, and by the side of their squares."""
     followed: FloatArray
     """(30, 2 F): how both cameras follow fields of 1 pixel by which their lenses bend otherwise, F of each camera."""
     field_px: float
@@ -78,35 +68,19 @@ class CalibrationErrors:
         return np.asarray(gain @ self.of_places(rig, center_mm, across, radius_mm) @ gain.T)
 
 
-@dataclass(frozen=True, eq=False)
-class _Told:
-    """What the boards' corners tell once each board is where it fits best: sums over all corners."""
-
-    inverse: FloatArray
-    """(30, 30), of the normal matrix of the cameras, where the boards as a whole are held."""
-    followed: FloatArray
-    lens: FloatArray
-    """(2 F, 2 F): normal matrix of the fields, once the cameras follow them."""
-    lens_misfit: FloatArray
-    """(2 F): the fields' slope with the corners' residuals, likewise."""
-    misfit: float
-    """Sum of the squared residuals, likewise."""
-    free: int
-    """Residuals, less what was fitted."""
-
-
 @lru_cache(maxsize=4)
 def errors_of(rig: StereoRig) -> CalibrationErrors | None:
     """Return what the cameras of ``rig`` do not know of themselves, or None where it is not told what they saw."""
     boards = rig.boards
     if boards is None:
         return None
-    grid = grid_mm(boards.corners, boards.square_mm)
+    grid = grid_mm(boards.corners, boards.square_mm)  # slopes are those of the flat board to first order
     unknown = np.zeros((len(boards.rig_from_board), 2, len(grid), 2))
-    told = _told((rig.left, rig.right), boards.rig_from_board, grid, unknown)
-    return CalibrationErrors(
-        boards.error_px**2 * told.inverse, told.followed, boards.lens_px / float(np.sqrt(len(ORDERS)))
-    )
+    told = told_by(Fit((rig.left, rig.right), boards.corners, grid, boards.rig_from_board, unknown))
+    noise = boards.error_px**2 * told.inverse[:CAMERAS, :CAMERAS]
+    scaled = _scaled(rig, boards.rig_from_board @ np.append(grid.mean(axis=0), 1.0)) * SIGMA_SQUARE
+    field_px = boards.lens_px / float(np.sqrt(len(ORDERS)))
+    return CalibrationErrors(noise + np.outer(scaled, scaled), told.followed[:CAMERAS], field_px)
 
 
 def known_share(rig: StereoRig, largest_mm: float) -> float:
@@ -129,7 +103,7 @@ def known_share(rig: StereoRig, largest_mm: float) -> float:
     rays = np.column_stack([plane, np.ones(len(plane))])
     rays *= far / np.linalg.norm(rays, axis=1, keepdims=True)
     places = rig.left.center_mm + rays @ rig.left.rig_from_camera[:3, :3].T
-    shown = _shown(rig.right, places)[0]
+    shown = shown_by(rig.right, places)[0]
     both = places[((shown >= 0) & (shown < rig.right.size_px)).all(axis=1)]
     known = [
         float(np.trace(errors.of_center(rig, place, boards.square_mm / 2))) <= largest_mm**2 for place in both
@@ -137,21 +111,13 @@ def known_share(rig: StereoRig, largest_mm: float) -> float:
     return float(np.mean(known)) if known else 0.0
 
 
-def judged(
-    cameras: tuple[Camera, Camera],
-    seen: Sequence[tuple[FloatArray, FloatArray]],
-    corners: tuple[int, int],
-    square_mm: float,
-) -> Boards:
-    """Return the boards whose corners were ``seen`` (K, 1, 2) by both cameras, and how far those are off.
+def judged(fit: Fit, square_mm: float) -> Boards:
+    """Return the boards whose corners cameras fit, and how far those are off.
 
     How large the fields are by which the lenses bend otherwise is that at which they explain as much of the residuals
     as they do, and one standard error of that more.
     """
-    grid = grid_mm(corners, square_mm)
-    placed = [_placed(cameras, pair, grid) for pair in seen]
-    places = np.array([place for place, _ in placed])
-    told = _told(cameras, places, grid, np.array([residuals for _, residuals in placed]))
+    told = told_by(fit)
     values, axes = np.linalg.eigh(told.lens)
     is_told = values > UNTOLD * values[-1]
     explained = float((((axes.T @ told.lens_misfit)[is_told]) ** 2 / values[is_told]).sum())
@@ -159,92 +125,9 @@ def judged(
     square = float((values**2).sum())
     larger = float(told.lens_misfit @ told.lens_misfit) - variance * float(values.sum())
     fields = (max(larger, 0.0) + variance * np.sqrt(2 * square)) / square
-    return Boards(corners, square_mm, places, float(np.sqrt(variance)), float(np.sqrt(fields * len(ORDERS))))
-
-
-def _told(cameras: tuple[Camera, Camera], places: FloatArray, grid: FloatArray, residuals: FloatArray) -> _Told:
-    """Return what boards at ``places`` (N, 4, 4) tell of both cameras by their ``residuals`` (N, 2, K, 2)."""
-    total = np.zeros((2 * FREE + 2 * FIELDS + 1,) * 2)
-    held = np.zeros((6, 2 * FREE))
-    for place, residual in zip(places, residuals, strict=True):
-        points = grid @ place[:3, :3].T + place[:3, 3]
-        carried = point_jacobian(points)
-        rows = np.zeros((2, len(grid), 2, total.shape[0]))
-        board = np.zeros((2, len(grid), 2, 6))
-        for k, camera in enumerate(cameras):
-            pixels, by_camera, by_point = _shown(camera, points)
-            rows[k, :, :, FREE * k : FREE * (k + 1)] = by_camera
-            first = 2 * FREE + FIELDS * k
-            rows[k, :, :, first : first + FIELDS] = _fields(camera, pixels)
-            rows[k, :, :, -1] = residual[k]
-            board[k] = by_point @ carried
-        flat, base = rows.reshape(-1, total.shape[0]), board.reshape(-1, 6)
-        follows = np.linalg.lstsq(base, flat, rcond=None)[0]
-        flat = flat - base @ follows
-        total += flat.T @ flat
-        held -= np.einsum("kij,kil->jl", carried, carried) @ follows[:, : 2 * FREE]
-    cut = 2 * FREE
-    inverse = _held_inverse(total[:cut, :cut], held)
-    followed = inverse @ total[:cut, cut:]
-    left = total[cut:, cut:] - total[cut:, :cut] @ followed
-    free = residuals.size - 6 * len(places) - (cut - 6)
-    return _Told(inverse, followed[:, :-1], left[:-1, :-1], left[:-1, -1], float(left[-1, -1]), free)
-
-
-def _held_inverse(normal: FloatArray, held: FloatArray) -> FloatArray:
-    """Return the inverse (30, 30) of a ``normal`` matrix whose null space ``held`` (6, 30) holds."""
-    scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
-    scaled = normal / np.outer(scale, scale)
-    spectrum = np.linalg.eigvalsh(scaled) if np.isfinite(scaled).all() else np.zeros(len(scaled))
-    if not spectrum[len(held)] > SMALLEST_INFORMATION * spectrum[-1]:
-        raise InputError("the boards do not determine the cameras; tilt them to all sides, all over both images")
-    rows = held / scale
-    rows = rows / np.linalg.norm(rows, axis=1, keepdims=True)
-    bordered = np.block([[scaled, rows.T], [rows, np.zeros((len(held), len(held)))]])
-    inverse = np.linalg.inv(bordered)[: len(normal), : len(normal)] / np.outer(scale, scale)
-    return np.asarray((inverse + inverse.T) / 2)
-
-
-def _placed(
-    cameras: tuple[Camera, Camera], seen: tuple[FloatArray, FloatArray], grid: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return where a board is in the rig (4, 4) by its corners, and their residuals (2, K, 2)."""
-    import cv2
-
-    _, turn, shift = cv2.solvePnP(grid, seen[0], cameras[0].matrix, cameras[0].distortion)
-    place = cameras[0].rig_from_camera @ rigid(exponential(np.ravel(turn)), np.ravel(shift))
-    for _ in range(BOARD_STEPS):
-        points = grid @ place[:3, :3].T + place[:3, 3]
-        shown = [_shown(camera, points) for camera in cameras]
-        residuals = np.array([one[:, 0] - pixels for one, (pixels, _, _) in zip(seen, shown, strict=True)])
-        slope = np.array([by_point @ point_jacobian(points) for _, _, by_point in shown])
-        step = np.linalg.lstsq(slope.reshape(-1, 6), residuals.ravel(), rcond=None)[0]
-        place = rigid(exponential(step[:3]), step[3:]) @ place
-    return place, residuals
-
-
-def _shown(camera: Camera, points_mm: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the pixels (N, 2) that show ``points_mm`` (N, 3), and slopes by the camera (N, 2, 15) and by these."""
-    import cv2
-
-    turn, none = camera.rig_from_camera[:3, :3], np.zeros(3)
-    pixels, slope = cv2.projectPoints(
-        (points_mm - camera.center_mm) @ turn, none, none, camera.matrix, camera.distortion
+    return Boards(
+        fit.corners, square_mm, fit.rig_from_board, float(np.sqrt(variance)), float(np.sqrt(fields * len(ORDERS)))
     )
-    slope = np.reshape(slope, (len(points_mm), 2, -1))
-    by_point = slope[:, :, 3:6] @ turn.T
-    by_camera = np.concatenate([slope[:, :, 6:15], -by_point @ point_jacobian(points_mm)], axis=2)
-    return np.reshape(pixels, (-1, 2)), by_camera, by_point
-
-
-def _fields(camera: Camera, pixels: FloatArray) -> FloatArray:
-    """Return by how much fields of 1 pixel RMS shift ``pixels`` (N, 2): (N, 2, F)."""
-    phases = np.pi * (pixels + 0.5) / np.array(camera.size_px)
-    waves = np.cos(phases[:, None, :] * ORDERS) * np.sqrt(1 + (ORDERS > 0))
-    field = waves.prod(axis=2)
-    shifts = np.zeros((len(pixels), 2, 2, len(ORDERS)))
-    shifts[:, 0, 0], shifts[:, 1, 1] = field, field
-    return shifts.reshape(len(pixels), 2, FIELDS)
 
 
 def _shifts(
@@ -264,9 +147,20 @@ def _shifts(
     outward = turned @ np.array([aside, square])
     reach = far * np.cos(half_angle)
     points = camera.center_mm + reach * (np.cos(half_angle) * axis + np.sin(half_angle) * outward)
-    pixels, by_camera, by_point = _shown(camera, points)
+    pixels, by_camera, by_point = shown_by(camera, points)
     rays = np.stack([np.cos(half_angle) * outward - np.sin(half_angle) * axis, np.cross(axis, outward)], axis=2)
-    moves = np.concatenate([-by_camera, _fields(camera, pixels)], axis=2)
+    moves = np.concatenate([-by_camera, fields_of(camera, pixels)], axis=2)
     angles = np.linalg.solve(reach * by_point @ rays, moves)[:, 0]  # how far out each point moves, rad
     shift = np.array([aside, square]).T @ (2 * turned.T @ angles / len(RING))
     return np.split(axes.T @ shift, [FREE], axis=1)  # type: ignore[return-value]
+
+
+def _scaled(rig: StereoRig, middles: FloatArray) -> FloatArray:
+    """Return how the cameras' numbers (30) follow the side of the boards' squares, as a part of it.
+
+    All that is seen of boards with their ``middles`` (N, 4) then is farther from where they are as a whole.
+    """
+    moved = np.zeros(CAMERAS)
+    for k, camera in enumerate((rig.left, rig.right)):
+        moved[FREE * (k + 1) - 3 : FREE * (k + 1)] = camera.center_mm - middles[:, :3].mean(axis=0)
+    return moved

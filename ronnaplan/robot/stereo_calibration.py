@@ -13,6 +13,7 @@ from ronnaplan.geometry import FloatArray, as_points
 from ronnaplan.pose import Pose, adjoint, as_poses, as_stack, exponential, invert, rigid
 from ronnaplan.robot.board import grid_mm, quarters_apart, recounted, seen_by_both
 from ronnaplan.robot.calibration_errors import judged, known_share
+from ronnaplan.robot.calibration_fit import fitted
 from ronnaplan.robot.camera import RIG, Boards, Camera, StereoRig
 from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.circles import Image
@@ -67,8 +68,8 @@ class StereoCalibration:
         if self.boards.lens_px > self.boards.error_px:
             told.append(
                 f"the boards' corners are off by {self.boards.lens_px:.3f} pixels in smooth fields, expected no more "
-                f"than their noise of {self.boards.error_px:.3f}: the board is not flat, or not as it was printed, or "
-                "the lenses bend otherwise than their model; calibrate with a board on glass or metal"
+                f"than their noise of {self.boards.error_px:.3f}: the board is wavy or changes its shape, or the "
+                "lenses bend otherwise than their model; calibrate with a board on glass or metal"
             )
         return tuple(told)
 
@@ -124,8 +125,8 @@ def calibrate_on_board(
         Camera(_floats(k_left), _floats(d_left).ravel(), np.eye(4), size),
         Camera(_floats(k_right), _floats(d_right).ravel(), invert(right_from_left), size),
     )
-    agreed = list(zip(firsts, seconds, strict=True))
-    return StereoCalibration(*cameras, float(rms), judged(cameras, agreed, corners, square_mm))
+    fit = fitted(cameras, list(zip(firsts, seconds, strict=True)), corners, square_mm)
+    return StereoCalibration(*fit.cameras, fit.rms_px, judged(fit, square_mm))
 
 
 def calibrate_tcp(robot_from_tcp: ArrayLike, spheres_mm: ArrayLike) -> TcpCalibration:

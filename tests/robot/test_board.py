@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from phantoms import cameras as rendering
 from phantoms.robot_session import DISTORTIONS, MATRICES, SIZE
-from ronnaplan.robot.board import _fitted, find_corners, quarters_apart, recounted
+from ronnaplan.robot.board import _fitted, find_corners, grid_mm, quarters_apart, recounted, shapes
 from tests.robot.stereo_views import RIGHT
 
 CORNERS = (9, 7)
@@ -76,3 +76,17 @@ def test_a_board_that_looks_the_same_turned_is_counted_alike_by_both_cameras(
     for place, one, count in zip(left, turned, quarters.tolist(), strict=True):
         seen = (place * one).apply(grid)[:, :2]
         np.testing.assert_allclose(recounted(seen, corners, count), place.apply(grid)[:, :2], atol=1e-12)
+
+
+@pytest.mark.parametrize(("corners", "count"), [((9, 7), 14), ((7, 9), 14), ((3, 3), 8)])
+def test_numbers_of_a_boards_shape_neither_move_nor_scale_it_nor_repeat_each_other(
+    corners: tuple[int, int], count: int
+) -> None:
+    moves, places = shapes(corners), grid_mm(corners, 1.0)
+    aside = places - places.mean(axis=0)
+    turned = [np.cross(axis, aside).ravel() for axis in np.eye(3)]
+    shifted = [np.broadcast_to(axis, aside.shape).ravel() for axis in np.eye(3)]
+    others = np.column_stack([*turned, *shifted, aside.ravel()])
+    each = moves.reshape(-1, count)
+    assert np.linalg.matrix_rank(np.column_stack([each, others])) == count + 7
+    assert np.abs(moves[:, 2].T @ np.column_stack([np.ones(len(aside)), aside[:, :2]])).max() < 1e-9
