@@ -18,6 +18,10 @@ from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray, as_numbers, as_points
 from ronnaplan.rigid import require_millimetres
 
+MOST_POINTS = 10_000
+"""Eight times what a tracker sees in a frame. The distances of so many take a gigabyte; the kernels number points in 16
+bits, up to 32,767."""
+
 MIRROR = np.array([-1.0, 1.0, 1.0])
 """Turns points into their mirror image."""
 
@@ -47,13 +51,15 @@ class ErrorModel:
 
 
 def checked_points(values: ArrayLike, name: str) -> FloatArray:
-    """Return points (N, 3) in mm; raises `InputError` for fewer than three or for a spread that cannot be mm.
+    """Return points (N, 3) in mm; raises `InputError` for fewer than three, too many, or a spread that cannot be mm.
 
     Writeable, as the compiled kernels take them: what other libraries hand on often is not.
     """
     points = np.require(as_points(values, name), requirements=["C", "W"])
     if len(points) < LEAST_PAIRS:
         raise InputError(f"{name} are {len(points)}; a rigid registration needs at least {LEAST_PAIRS}")
+    if len(points) > MOST_POINTS:
+        raise InputError(f"{name} are {len(points)}; expected at most {MOST_POINTS}; leave out what is no marker")
     require_millimetres(points, name)
     return points
 

@@ -94,8 +94,12 @@ def weighed(problem: Problem, found: Found, of_pairs: FloatArray, least_probabil
         return Pairing("unmatched", no_pairs(), 0.0, reason=nothing_found(found))
     best = found.poses[0]
     rivals = rivals_of(found.poses)
-    others = odds_of_rivals(found)
-    probability = 1.0 / (1.0 + others + found.missed + math.exp(min(-best.log_evidence, 700.0)))
+    others, beside = odds_of_rivals(found), odds_of_body_beside(problem, found.poses, of_pairs)
+    by_chance = math.exp(min(-best.log_evidence, 700.0))
+    probability = 1.0 / (1.0 + others + beside + found.missed + by_chance)
+    if probability < least_probability and beside > max(others, found.missed, by_chance):
+        touch = int(best.pairs[of_pairs.argmax(), 0])  # of the one or of the other
+        return Pairing("ambiguous", no_pairs(), probability, rivals, TWO_BODIES, touch, best.pairs)
     if probability < least_probability:
         reason = f"the best pose has probability {probability:.4g}, at least {least_probability:g} is required"
         if others < found.missed:
@@ -112,10 +116,6 @@ def weighed(problem: Problem, found: Found, of_pairs: FloatArray, least_probabil
     if not problem.told.allows(len(given)):
         reason = f"{len(given)} pairs fit but {problem.told} are expected; check the expected number"
         return Pairing("unmatched", no_pairs(), probability, rivals, reason)
-    probability = 1.0 / (1.0 / probability + odds_of_body_beside(problem, found.poses, of_pairs))
-    if probability < least_probability:
-        touch = int(given[0, 0])  # of the one or of the other
-        return Pairing("ambiguous", no_pairs(), probability, rivals, TWO_BODIES, touch, best.pairs)
     moved = moved_pairs(problem, best.partner)
     return Pairing("unique", given, probability, rivals[1:], doubtful=doubtful, moved=moved)
 

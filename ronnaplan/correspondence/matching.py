@@ -77,8 +77,8 @@ def match_points(
     Raises
     ------
     InputError
-        For fewer than three points, wrong shapes, NaN, units that cannot be mm, errors that are not positive, an
-        expected number that the sets cannot hold, or known pairs that name no points.
+        For fewer than three points or more than 10,000, wrong shapes, NaN, units that cannot be mm, errors that are
+        not positive, an expected number that the sets cannot hold, or known pairs that name no points.
 
     """
     ct, ots = checked_points(ct_points, "CT points"), checked_points(ots_points, "OTS points")

@@ -146,8 +146,8 @@ def test_of_two_small_equal_bodies_neither_is_taken(seed: int, count: int, outli
     ct, ots, _ = bodies(seed, [count, count], [45.0, 45.0], outliers, 45.0)
     pairing = match_points(ct, ots)
     assert pairing.status == "ambiguous"
-    assert "missed" in pairing.reason or pairing.touch is not None
-    assert "two rigid bodies" in pairing.reason or pairing.probability < 0.99
+    assert "two rigid bodies" in pairing.reason or pairing.probability < 0.9
+    assert pairing.touch is not None
 
 
 @pytest.mark.parametrize("count", [5, 7, 12])

@@ -242,6 +242,7 @@ def test_four_markers_are_found_among_two_hundred_reflections() -> None:
 
 BAD: dict[str, tuple[dict[str, Any], str]] = {
     "fewer than three": ({"ct_points": HEAD[:2]}, "at least 3"),
+    "more than kernels number": ({"ots_points": np.zeros((10_001, 3))}, "at most 10000"),
     "not (N, 3)": ({"ct_points": HEAD[:, :2]}, r"expected \(N, 3\)"),
     "NaN": ({"ots_points": np.where(HEAD > 90, np.nan, HEAD)}, "finite"),
     "metres": ({"ct_points": HEAD / 1000}, "millimetres"),
