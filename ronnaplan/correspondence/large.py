@@ -8,10 +8,18 @@ from dataclasses import replace
 import numpy as np
 
 from ronnaplan.correspondence.chance import Chance
-from ronnaplan.correspondence.evidence import SCALES, fits_as_well, is_collinear
+from ronnaplan.correspondence.evidence import LEAST_OFF_LINE, SCALES, fits_as_well, off_one_line
 from ronnaplan.correspondence.exact import in_volume, search
 from ronnaplan.correspondence.lookup import point_grid
-from ronnaplan.correspondence.pairing import LEFT_HANDED, MOST_RIVALS, TWO_BODIES, Pairing, Rival, no_pairs
+from ronnaplan.correspondence.pairing import (
+    LEFT_HANDED,
+    MOST_RIVALS,
+    TWO_BODIES,
+    IntArray,
+    Pairing,
+    Rival,
+    no_pairs,
+)
 from ronnaplan.correspondence.poses import SUCCESS_SIZES, Found, find_poses, weighed_anew, work_allowed
 from ronnaplan.correspondence.priors import size_priors
 from ronnaplan.correspondence.problem import Problem, moved_pairs, pairs_of
@@ -110,7 +118,7 @@ def weighed(problem: Problem, found: Found, of_pairs: FloatArray, least_probabil
         return Pairing("ambiguous", no_pairs(), probability, rivals, reason, telling_point(found.poses))
     certain = of_pairs >= least_probability
     given, doubtful = best.pairs[certain], best.pairs[~certain]
-    if len(given) < LEAST_PAIRS or is_collinear(problem.ct[given[:, 0]], problem.pair_variances(*given.T)):
+    if len(given) < LEAST_PAIRS or odds_of_turn(problem, given) * (1.0 - least_probability) < least_probability:
         reason = "fewer than three pairs off one line are certain"
         return Pairing("ambiguous", no_pairs(), probability, rivals, reason, doubtful=best.pairs)
     if not problem.told.allows(len(given)):
@@ -118,6 +126,22 @@ def weighed(problem: Problem, found: Found, of_pairs: FloatArray, least_probabil
         return Pairing("unmatched", no_pairs(), probability, rivals, reason)
     moved = moved_pairs(problem, best.partner)
     return Pairing("unique", given, probability, rivals[1:], doubtful=doubtful, moved=moved)
+
+
+def odds_of_turn(problem: Problem, given: IntArray) -> float:
+    """Return the odds that the pairs ``given`` (L, 2) which lie off a line of the others are right, not met by chance.
+
+    A row leaves the turn about itself open, so that a pose may take the one that brings two outliers together: these
+    hold their place by the evidence of all over that of the row.
+    """
+    off = off_one_line(problem.ct[given[:, 0]], problem.pair_variances(*given.T))
+    if off.sum() >= LEAST_OFF_LINE or np.isin(given[off, 0], problem.known[:, 0]).any():
+        return math.inf
+    partner = np.full(problem.counts[0], -1)
+    partner[given[:, 0]] = given[:, 1]
+    of_all = pose_evidence(problem, partner)[1]
+    partner[given[off, 0]] = -1
+    return math.exp(min(of_all - pose_evidence(problem, partner)[1], 700.0))
 
 
 def odds_of_body_beside(problem: Problem, poses: list[Pose], of_pairs: FloatArray) -> float:

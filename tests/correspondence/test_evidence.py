@@ -20,6 +20,7 @@ from ronnaplan.correspondence.evidence import (
     largest_eigenvalue,
     largest_overlap,
     log_misfit,
+    off_one_line,
 )
 from ronnaplan.correspondence.priors import log_pairings, tail_beyond_gate
 from tests.correspondence.scenes import HEAD, SIGMA_CT, SIGMA_OTS, ball
@@ -179,3 +180,15 @@ def test_the_largest_eigenvalue_is_that_of_lapack(values: tuple[float, ...], err
     for turn in Rotation.random(20, random_state=1).as_matrix():
         m = turn @ np.diag(values) @ turn.T
         assert largest_eigenvalue(m) == pytest.approx(np.linalg.eigvalsh(m)[2], rel=error, abs=1e-300)
+
+
+@pytest.mark.parametrize("off", [0, 1, 5])
+def test_a_point_off_a_line_is_named_however_far_it_lies(off: int) -> None:
+    """Also where it draws the line that fits all to itself; of five, three."""
+    for seed in range(20):
+        rng = np.random.default_rng([off, seed])
+        points = rng.uniform(-50.0, 50.0, (10, 1)) * [1.0, 2.0, 0.0] + 0.5 * rng.normal(size=(10, 3))
+        points[:off] += rng.choice([-1.0, 1.0], (off, 1)) * rng.uniform(15.0, 80.0, (off, 1)) * [-2.0, 1.0, 0.0]
+        points[:off, 2] += rng.uniform(-80.0, 80.0, off)
+        named = np.flatnonzero(off_one_line(points, np.full(10, 0.25)))
+        assert len(named) == 3 if off == 5 else named.tolist() == list(range(off))

@@ -272,3 +272,22 @@ def test_a_body_that_was_found_is_not_weighed_once_more_by_its_pairs() -> None:
     of_pairs = found.chance.pair_probabilities(found.poses[0].matrix, found.poses[0].partner)
     assert odds_of_body_beside(problem, found.poses[:1], of_pairs) > 0.05
     assert odds_of_body_beside(problem, found.poses, of_pairs) == 0.0
+
+
+@pytest.mark.parametrize("seed", [2, 12, 34])
+def test_a_row_is_not_turned_so_that_two_outliers_meet(seed: int) -> None:
+    """Accepted with 0.999 and more: one pair that met by chance decided of the turn about the row."""
+    row = np.random.default_rng([9, seed]).uniform(-50.0, 50.0, (8, 1)) * [1, 0, 0]
+    ct, ots, _ = scene(seed, 8, 30, layout=row, radius=100.0)
+    assert match_points(ct, ots).status != "unique"
+
+
+@pytest.mark.parametrize("off_mm", [10.0, 60.0])
+def test_a_row_is_paired_where_three_markers_lie_off_it(off_mm: float) -> None:
+    for seed in (3, 4, 5):
+        row = np.random.default_rng([9, seed]).uniform(-50.0, 50.0, (12, 1)) * [1, 0, 0]
+        row[:3, 1:] = off_mm * np.array([[1, 0], [0, 1], [-1, 1]])
+        ct, ots, partner = scene(seed, 12, 10, layout=row, radius=100.0)
+        pairing = match_points(ct, ots)
+        assert pairing.status == "unique", (seed, pairing.reason)
+        assert (partner[pairing.pairs[:, 0]] == pairing.pairs[:, 1]).all()
