@@ -231,7 +231,8 @@ def beyond_line(points: FloatArray, variances: FloatArray, off: NDArray[np.bool_
             for c in range(3):
                 for d in range(3):
                     m[c, d] += (points[a, c] - mean[c] / total) * (points[a, d] - mean[d] / total) / variances[a]
-    return m[0, 0] + m[1, 1] + m[2, 2] - largest_eigenvalue(m) - count * COLLINEAR_SIGMAS**2
+    beyond: float = m[0, 0] + m[1, 1] + m[2, 2] - largest_eigenvalue(m) - count * COLLINEAR_SIGMAS**2
+    return beyond
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
