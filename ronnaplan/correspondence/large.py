@@ -149,13 +149,14 @@ def odds_of_body_beside(problem: Problem, poses: list[Pose], of_pairs: FloatArra
 
     ``of_pairs`` are the pairs' probabilities. Few triangles lead to the pose of a small thin body (a plate, a row), so
     that it may have been missed; it is sought by its distances alone. 0 beside bodies that are large enough for the
-    search for poses to be sure of their equals, where a pair is known, which the patient holds, and for a body that
-    was not missed: it is weighed as a rival, by its points.
+    search for poses to be sure of their equals, where a pair is known, which the patient holds, for a body that
+    was not missed: it is weighed as a rival, by its points; and where all pairs are doubtful, as of points that stand
+    twice: what is left is the same body.
     """
     taken, size = poses[0].pairs[of_pairs >= LIKELY_PAIR], float(of_pairs.sum())
     i, j = (np.setdiff1d(np.arange(count), taken[:, axis]) for axis, count in enumerate(problem.counts))
     least = max(round(size) - FEWER_BESIDE, LEAST_PAIRS)
-    small = size < SUCCESS_SIZES[0] and len(problem.known) == 0
+    small = LEAST_PAIRS <= len(taken) and size < SUCCESS_SIZES[0] and len(problem.known) == 0
     if not small or min(len(i), len(j)) < least or len(i) * len(j) > MOST_BESIDE:
         return 0.0
     constants, background = size_priors((len(i), len(j)), Told())

@@ -291,3 +291,10 @@ def test_a_row_is_paired_where_three_markers_lie_off_it(off_mm: float) -> None:
         pairing = match_points(ct, ots)
         assert pairing.status == "unique", (seed, pairing.reason)
         assert (partner[pairing.pairs[:, 0]] == pairing.pairs[:, 1]).all()
+
+
+def test_points_that_stand_twice_are_no_second_body() -> None:
+    """All pairs are doubtful, and what they leave is the same body."""
+    points = ball(np.random.default_rng(3), 10, 90.0)
+    twice = np.vstack((points, points))
+    assert "two rigid bodies" not in match_points(twice, twice).reason
