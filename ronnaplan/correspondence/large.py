@@ -156,7 +156,7 @@ def odds_of_body_beside(problem: Problem, poses: list[Pose], of_pairs: FloatArra
     taken, size = poses[0].pairs[of_pairs >= LIKELY_PAIR], float(of_pairs.sum())
     i, j = (np.setdiff1d(np.arange(count), taken[:, axis]) for axis, count in enumerate(problem.counts))
     least = max(round(size) - FEWER_BESIDE, LEAST_PAIRS)
-    small = LEAST_PAIRS <= len(taken) and size < SUCCESS_SIZES[0] and len(problem.known) == 0
+    small = len(taken) >= LEAST_PAIRS and size < SUCCESS_SIZES[0] and len(problem.known) == 0
     if not small or min(len(i), len(j)) < least or len(i) * len(j) > MOST_BESIDE:
         return 0.0
     constants, background = size_priors((len(i), len(j)), Told())
