@@ -6,6 +6,8 @@ import argparse
 
 from ronnaplan.cli.output import warn
 from ronnaplan.cli.robot_options import read_looks, size_mm, tell, with_output, worth
+from ronnaplan.cli.values import number
+from ronnaplan.sigmas import SIGMA_SQUARE
 
 HELP = "Calibrate the stereo cameras and their place on the robot from images."
 
@@ -20,6 +22,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("robot", metavar="ROBOT", help="the robot's poses of its TCP, whose frames are the looks")
     parser.add_argument("--corners", type=corners, required=True, metavar="CxR", help="inner corners of the board")
     parser.add_argument("--square", type=size_mm, required=True, metavar="MM", help="side of its squares")
+    parser.add_argument(
+        "--sigma-square",
+        type=percent,
+        default=100 * SIGMA_SQUARE,
+        metavar="PERCENT",
+        help="standard error of that side (default %(default)s; printed boards: 0.1 and more)",
+    )
     parser.add_argument("--diameter", type=size_mm, required=True, metavar="MM", help="of the resting sphere")
     with_output(parser, "rig.json")
 
@@ -44,6 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
         [right for _, right in boards.values()],
         corners=arguments.corners,
         square_mm=arguments.square,
+        sigma_square=arguments.sigma_square / 100,
     )
     unplaced = cameras.rig(Pose.exact(np.eye(4), TCP, RIG))
     spheres = in_rig(looks, unplaced, diameter_mm=arguments.diameter)
@@ -60,6 +70,14 @@ def run(arguments: argparse.Namespace) -> int:
         ),
     )
     return 0
+
+
+def percent(text: str) -> float:
+    """Return a standard error in percent."""
+    value = number(text)
+    if not 0 <= value <= 10:
+        raise argparse.ArgumentTypeError(f"{text} is no standard error in percent; expected 0 to 10")
+    return value
 
 
 def corners(text: str) -> tuple[int, int]:

@@ -16,6 +16,7 @@ from ronnaplan.documents.fields import (
     MarkerCovariance,
     Matrix4,
     PositiveMm,
+    Probability,
     Ratio,
     Revision,
     Software,
@@ -78,6 +79,8 @@ class BoardsEntry(DocumentModel):
     """Standard deviation per axis of a corner's place in an image."""
     lens_px: Ratio
     """By so much (RMS per axis) the lenses may bend otherwise than the cameras' model has it."""
+    sigma_square: Probability
+    """Standard error of the squares' side, as a part of it."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -88,7 +91,7 @@ class BoardsEntry(DocumentModel):
     def boards(self) -> Boards:
         """Return the boards."""
         places = np.array([as_pose(place, "rig_from_board") for place in self.rig_from_board])
-        return Boards(self.corners, self.square, places, self.error_px, self.lens_px)
+        return Boards(self.corners, self.square, places, self.error_px, self.lens_px, self.sigma_square)
 
 
 class RigDocument(DocumentModel):
@@ -196,6 +199,7 @@ def rig_document(
                 "rig_from_board": cameras.boards.rig_from_board.tolist(),
                 "error_px": cameras.boards.error_px,
                 "lens_px": cameras.boards.lens_px,
+                "sigma_square": cameras.boards.sigma_square,
             },
             "tcp_from_rig": pose_entry(tcp.tcp_from_rig),
             "scatter": tcp.sd_mm,

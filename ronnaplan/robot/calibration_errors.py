@@ -1,7 +1,7 @@
 """How wrong two calibrated cameras may be, and what that does to the place of a sphere.
 
 The cameras are those that fit a board's corners best, so that the corners' noise makes them wrong by the inverse of the
-normal matrix (the Jacobian's square) of that fit. How long the squares are is stated to `SIGMA_SQUARE`: it makes all
+normal matrix (the Jacobian's square) of that fit. How long the squares are is known to a stated part: it makes all
 distances wrong alike. Lenses are no polynomials: what the cameras' model lacks makes them
 wrong, too, where boards were seen, and more where they were not. So a lens may bend otherwise by any smooth field in
 its image, as large as the corners' residuals tell.
@@ -22,7 +22,6 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.board import grid_mm
 from ronnaplan.robot.calibration_fit import CAMERAS, FIELDS, FREE, ORDERS, Fit, fields_of, shown_by, told_by
 from ronnaplan.robot.camera import Boards, Camera, StereoRig
-from ronnaplan.sigmas import SIGMA_SQUARE
 
 RING = np.linspace(0, 2 * np.pi, 24, endpoint=False)
 """Where on a sphere's outline it is looked at."""
@@ -78,7 +77,7 @@ def errors_of(rig: StereoRig) -> CalibrationErrors | None:
     unknown = np.zeros((len(boards.rig_from_board), 2, len(grid), 2))
     told = told_by(Fit((rig.left, rig.right), boards.corners, grid, boards.rig_from_board, unknown))
     noise = boards.error_px**2 * told.inverse[:CAMERAS, :CAMERAS]
-    scaled = _scaled(rig, boards.rig_from_board @ np.append(grid.mean(axis=0), 1.0)) * SIGMA_SQUARE
+    scaled = _scaled(rig, boards.rig_from_board @ np.append(grid.mean(axis=0), 1.0)) * boards.sigma_square
     field_px = boards.lens_px / float(np.sqrt(len(ORDERS)))
     return CalibrationErrors(noise + np.outer(scaled, scaled), told.followed[:CAMERAS], field_px)
 
@@ -111,7 +110,7 @@ def known_share(rig: StereoRig, largest_mm: float) -> float:
     return float(np.mean(known)) if known else 0.0
 
 
-def judged(fit: Fit, square_mm: float) -> Boards:
+def judged(fit: Fit, square_mm: float, sigma_square: float) -> Boards:
     """Return the boards whose corners cameras fit, and how far those are off.
 
     How large the fields are by which the lenses bend otherwise is that at which they explain as much of the residuals
@@ -125,9 +124,8 @@ def judged(fit: Fit, square_mm: float) -> Boards:
     square = float((values**2).sum())
     larger = float(told.lens_misfit @ told.lens_misfit) - variance * float(values.sum())
     fields = (max(larger, 0.0) + variance * np.sqrt(2 * square)) / square
-    return Boards(
-        fit.corners, square_mm, fit.rig_from_board, float(np.sqrt(variance)), float(np.sqrt(fields * len(ORDERS)))
-    )
+    error_px, lens_px = float(np.sqrt(variance)), float(np.sqrt(fields * len(ORDERS)))
+    return Boards(fit.corners, square_mm, fit.rig_from_board, error_px, lens_px, sigma_square)
 
 
 def _shifts(

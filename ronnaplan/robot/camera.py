@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.pose import Pose, as_pose
+from ronnaplan.sigmas import SIGMA_SQUARE
 
 RIG = Frame("RIG")
 """The stereo pair's own frame: that of its left camera (x right, y down, z forward), mm."""
@@ -102,6 +103,8 @@ class Boards:
     """Standard deviation per axis of a corner's place in an image."""
     lens_px: float
     """By so much (RMS per axis) the lenses may bend otherwise than the cameras' model has it."""
+    sigma_square: float = SIGMA_SQUARE
+    """Standard error of the squares' side, as a part of it."""
 
     def __post_init__(self) -> None:
         for place in self.rig_from_board:

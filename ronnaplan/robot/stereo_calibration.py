@@ -19,7 +19,7 @@ from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.circles import Image
 from ronnaplan.robot.hand_eye import require_two_axes
 from ronnaplan.robot.stereo import StereoSphere
-from ronnaplan.sigmas import LARGEST_STATED_MM
+from ronnaplan.sigmas import LARGEST_STATED_MM, SIGMA_SQUARE
 
 FEWEST_SPHERES = 6
 SMALLEST_TILT_DEG = 8.0
@@ -88,11 +88,17 @@ class TcpCalibration:
 
 
 def calibrate_on_board(
-    left: Sequence[Image], right: Sequence[Image], *, corners: tuple[int, int], square_mm: float
+    left: Sequence[Image],
+    right: Sequence[Image],
+    *,
+    corners: tuple[int, int],
+    square_mm: float,
+    sigma_square: float = SIGMA_SQUARE,
 ) -> StereoCalibration:
     """Return both cameras from simultaneous images of a chessboard with ``corners`` inner corners (columns, rows).
 
-    Images in which either camera does not see the whole board are left out. Raises `InputError` if fewer than
+    ``sigma_square`` is the standard error of ``square_mm``, as a part of it, which no image shows. Images in which
+    either camera does not see the whole board are left out. Raises `InputError` if fewer than
     `FEWEST_BOARDS` remain, they hardly tilt against each other, or the images' sizes differ.
     """
     import cv2
@@ -126,7 +132,7 @@ def calibrate_on_board(
         Camera(_floats(k_right), _floats(d_right).ravel(), invert(right_from_left), size),
     )
     fit = fitted(cameras, list(zip(firsts, seconds, strict=True)), corners, square_mm)
-    return StereoCalibration(*fit.cameras, fit.rms_px, judged(fit, square_mm))
+    return StereoCalibration(*fit.cameras, fit.rms_px, judged(fit, square_mm, sigma_square))
 
 
 def calibrate_tcp(robot_from_tcp: ArrayLike, spheres_mm: ArrayLike) -> TcpCalibration:

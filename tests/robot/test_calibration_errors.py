@@ -55,6 +55,7 @@ def calibrated(
     wide: float = 1.0,
     told: float = 1.0,
     bowed_mm: float = 0.0,
+    sigma_square: float = SIGMA_SQUARE,
 ) -> StereoCalibration:
     """Cameras that saw with noise the corners of boards whose side is ``told`` times as long as it is."""
     flat = grid_mm(CORNERS, SQUARE_MM * wide)
@@ -68,7 +69,9 @@ def calibrated(
         seen.append(tuple(one[:, None].astype(np.float32) for one in pair))
     monkeypatch.setattr(stereo_calibration, "seen_by_both", lambda left, right, corners: seen)
     image = np.zeros(rendering.SIZE)
-    return calibrate_on_board([image], [image], corners=CORNERS, square_mm=SQUARE_MM * wide * told)
+    return calibrate_on_board(
+        [image], [image], corners=CORNERS, square_mm=SQUARE_MM * wide * told, sigma_square=sigma_square
+    )
 
 
 def located(found: StereoCalibration, prism_px: float = 0.0) -> np.ndarray:
@@ -125,6 +128,25 @@ def test_lenses_that_bend_otherwise_are_told_by_the_boards_and_counted(monkeypat
     )
     assert without > 8
     assert with_lens < 3
+
+
+def test_a_board_of_another_size_than_told_is_counted_as_far_as_it_is_said_to_be(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A printed board, off by 0.1 %."""
+    rng = np.random.default_rng(11)
+    sure, printed = (calibrated(monkeypatch, rng, told=1.001, sigma_square=one) for one in (SIGMA_SQUARE, 1e-3))
+    normalized = [
+        np.mean(
+            [
+                error @ np.linalg.solve(one, error) / 3
+                for error, one in zip(located(each) - PLACES, stated(each), strict=True)
+            ]
+        )
+        for each in (sure, printed)
+    ]
+    assert normalized[0] > 8
+    assert normalized[1] < 1.5
 
 
 def test_the_shape_of_a_board_that_is_not_flat_is_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
