@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from phantoms.cameras import board_image, project, sphere_image
-from phantoms.robot_session import CORNERS, DIAMETER_MM, DISTORTIONS, MATRICES, SIZE
+from phantoms.robot_session import CAMERAS, CORNERS, DIAMETER_MM, DISTORTIONS, MATRICES, SIZE
 from ronnaplan.errors import RonnaplanError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import Pose, invert, rigid, transform_points
@@ -44,9 +44,6 @@ LAYOUTS = {
     "small, in a corner": (3.5, (90, 220), (60, 175)),
 }
 """Side of the squares (mm), and where the boards' middles are, columns and rows from the left image's middle."""
-PLACES = (np.eye(4), np.eye(4))
-PLACES[1][:3, :3] = Rotation.from_euler("y", -29.0, degrees=True).as_matrix()
-PLACES[1][0, 3] = 155.0
 
 
 @dataclass
@@ -153,7 +150,7 @@ def _board(layout: str, rng: np.random.Generator) -> tuple[FloatArray, FloatArra
             break
     left, right = (
         board_image(invert(place) @ board, CORNERS, square_mm, matrix, distortion, rng, SIZE)
-        for place, matrix, distortion in zip(PLACES, MATRICES, DISTORTIONS, strict=True)
+        for place, matrix, distortion in zip(CAMERAS, MATRICES, DISTORTIONS, strict=True)
     )
     return left, right
 
@@ -169,13 +166,13 @@ def _ball(rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]
         sphere_image(
             [transform_points(invert(place), center[None])[0]], DIAMETER_MM, matrix, distortion, rng, size=SIZE
         )
-        for place, matrix, distortion in zip(PLACES, MATRICES, DISTORTIONS, strict=True)
+        for place, matrix, distortion in zip(CAMERAS, MATRICES, DISTORTIONS, strict=True)
     )
     return center, left, right
 
 
 def _shown(points_mm: FloatArray, side: int) -> FloatArray:
-    return project(transform_points(invert(PLACES[side]), points_mm), MATRICES[side], DISTORTIONS[side])
+    return project(transform_points(invert(CAMERAS[side]), points_mm), MATRICES[side], DISTORTIONS[side])
 
 
 def _is_within(pixels: FloatArray) -> bool:

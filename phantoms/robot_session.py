@@ -45,6 +45,10 @@ def placed(rotation: Rotation, place_mm: Vector) -> FloatArray:
     return matrix
 
 
+CAMERAS = np.eye(4), placed(Rotation.from_euler("y", -29.0, degrees=True), (155.0, 0, 0))
+"""The rig from its left and its right camera."""
+
+
 @dataclass
 class Session:
     """The true poses (4, 4) of a session, and the noise."""
@@ -91,11 +95,6 @@ class Session:
         beside: FloatArray = self.head_mm.mean(axis=0) + np.array([0, 250.0, -100])
         return beside
 
-    @property
-    def cameras(self) -> tuple[FloatArray, FloatArray]:
-        """The rig from its left and its right camera."""
-        return np.eye(4), placed(Rotation.from_euler("y", -29.0, degrees=True), (155.0, 0, 0))
-
     def told(self, robot_from_tcp: FloatArray) -> FloatArray:
         """Return what the robot says of its pose: with its error, about the TCP."""
         turn = Rotation.from_rotvec(self.rng.normal(0, np.radians(ROBOT_SD_DEG), 3))
@@ -122,7 +121,7 @@ class Session:
     def look(self, robot_from_tcp: FloatArray, sphere_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the left and the right image of a sphere of R."""
         images = []
-        for place, matrix, distortion in zip(self.cameras, MATRICES, DISTORTIONS, strict=True):
+        for place, matrix, distortion in zip(CAMERAS, MATRICES, DISTORTIONS, strict=True):
             camera = np.linalg.inv(robot_from_tcp @ self.tcp_from_rig @ place)
             center = camera[:3, :3] @ sphere_mm + camera[:3, 3]
             images.append(sphere_image([center], DIAMETER_MM, matrix, distortion, self.rng, size=SIZE))
@@ -137,7 +136,7 @@ class Session:
         board = placed(turn, at - turn.apply(middle))
         left, right = (
             board_image(np.linalg.inv(place) @ board, CORNERS, SQUARE_MM, matrix, distortion, self.rng, SIZE)
-            for place, matrix, distortion in zip(self.cameras, MATRICES, DISTORTIONS, strict=True)
+            for place, matrix, distortion in zip(CAMERAS, MATRICES, DISTORTIONS, strict=True)
         )
         return left, right
 

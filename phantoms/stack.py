@@ -165,9 +165,7 @@ def axial_stack(
     if positions_mm is None:
         if not np.isfinite([start_mm, stop_mm]).all():
             raise PhantomError(f"the slices go from {start_mm} to {stop_mm} mm; expected two finite places")
-        count = (
-            np.floor((stop_mm - start_mm) / spacing_mm + 1e-9) + 1
-        )  # without end where a spacing is next to none
+        count = np.floor((stop_mm - start_mm) / spacing_mm + 1e-9) + 1  # infinite where a spacing is next to none
         if count > MOST_SLICES:
             raise PhantomError(f"{count:.0f} slices were asked for; expected at most {MOST_SLICES}")
         travel = start_mm + spacing_mm * np.arange(max(int(count), 0))

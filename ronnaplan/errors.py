@@ -9,9 +9,6 @@ from ronnaplan.text import LONGEST_SENTENCE, printable
 NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT})
 """What the system says where a disk, or this user's share of it, takes no more."""
 
-NO_ROOM_HERE = NO_ROOM | {errno.EFBIG, errno.ENOENT}
-"""The same of a whole command: a file may grow no larger; ENOENT, of no file: that no folder takes temporary ones."""
-
 
 class RonnaplanError(Exception):
     """Base of every error that a user can cause; ``exit_status`` is what the command line returns for it.
@@ -57,3 +54,9 @@ def check_type(value: object, kind: type | tuple[type, ...], what: str, remedy: 
     if not isinstance(value, kinds):
         expected = " or ".join(one.__name__ for one in kinds if one is not type(None))
         raise UsageError(f"{what} is of type {type(value).__name__}, expected {expected}; {remedy}")
+
+
+def wants_room(error: OSError) -> bool:
+    """Whether a disk takes no more, a file may grow no larger, or, as then, no folder takes temporary files."""
+    is_of_no_file = error.errno == errno.ENOENT and error.filename is None
+    return error.errno in NO_ROOM | {errno.EFBIG} or is_of_no_file

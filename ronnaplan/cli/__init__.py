@@ -17,7 +17,7 @@ from typing import Any
 
 from ronnaplan import __version__
 from ronnaplan.cli.output import discard_output, guarded_output
-from ronnaplan.errors import NO_ROOM_HERE, InputError, RonnaplanError, UsageError
+from ronnaplan.errors import InputError, RonnaplanError, UsageError, wants_room
 from ronnaplan.text import NOTICE, printable
 
 VERBS = (
@@ -113,7 +113,7 @@ def _told(error: OSError) -> str:
         # Even to ask whether a file exists fails in a folder that is closed to this user, or with too long a name.
         named = printable(os.fsdecode(error.filename))
         return f"{named}: {error.strerror}; name another path, or get access to it"
-    if error.errno in NO_ROOM_HERE:
+    if wants_room(error):
         told = printable(error.strerror or error)
         return f"{told}; make room on the disk, or name another folder for temporary files by TMPDIR"
     raise error

@@ -41,7 +41,8 @@ DEFAULT_LIMITS = Limits()
 
 def are_hu(values: NDArray[Any]) -> bool:
     """Return whether ``values`` are finite numbers that a scanner's scale holds."""
-    return bool((abs(values) <= LARGEST_HU).all())
+    low, high = float(values.min(initial=0)), float(values.max(initial=0))  # a float16 could not hold the bound
+    return low >= -LARGEST_HU and high <= LARGEST_HU
 
 
 def fit_int16(values: NDArray[Any]) -> bool:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ronnaplan.bounds import LARGEST_HU
 from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.identity import ScanIdentity
-from ronnaplan.ct.limits import fit_int16
+from ronnaplan.ct.limits import are_hu, fit_int16
 from ronnaplan.ct.scratch import one_by_one
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.geometry import FloatArray, Frame, as_point, as_points
@@ -198,12 +198,9 @@ class CTVolume(Gridded):
             )
         if np.ma.is_masked(voxels_hu):
             raise InputError("voxels are masked; fill in what the scan has there")
-        low, high = float(voxels.min()), float(voxels.max())  # a float16 holds no bound
-        if not -LARGEST_HU <= low <= high <= LARGEST_HU:
+        if not are_hu(voxels):
             raise InputError(f"voxels hold values that are not finite numbers up to {LARGEST_HU:g}; expected HU")
-        info = np.iinfo(np.int16)
-        fits = voxels.dtype.kind in "iu" and info.min <= low and high <= info.max
-        kept: Any = voxels.astype(np.int16 if fits else np.float32)
+        kept: Any = voxels.astype(np.int16 if voxels.dtype.kind in "iu" and fit_int16(voxels) else np.float32)
         source = SeriesSource(frame_of_reference_uid=frame_of_reference_uid)
         matrix = SliceGrid.checked_affine(affine)
         if np.linalg.det(matrix[:3, [2, 1, 0]]) < 0:  # a `SliceGrid` ascends along its normal

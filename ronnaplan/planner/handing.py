@@ -16,7 +16,7 @@ from aiohttp import web
 
 from ronnaplan.case.folder import FIDUCIALS, PLAN, REGISTRATION
 from ronnaplan.documents.files import write_atomically
-from ronnaplan.errors import NO_ROOM_HERE, RonnaplanError, UsageError
+from ronnaplan.errors import RonnaplanError, UsageError, wants_room
 from ronnaplan.planner.storage import Storage
 from ronnaplan.text import printable
 
@@ -118,11 +118,7 @@ class Handing:
                     await _run(*(part.replace("{case}", folder) for part in command), "-o", str(target))
                     return target.read_bytes()
         except OSError as error:
-            remedy = (
-                "make room on the planner's disk"
-                if error.errno in NO_ROOM_HERE
-                else "try again once that is mended"
-            )
+            remedy = "make room on the planner's disk" if wants_room(error) else "try again once that is mended"
             raise web.HTTPInsufficientStorage(
                 text=f"{name} cannot be made ({printable(error.strerror or error)}); {remedy}"
             ) from error

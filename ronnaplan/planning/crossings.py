@@ -20,7 +20,6 @@ BONE_LIMITS_HU = (-150.0, 2500.0)
 LAYER_SHARE = 0.5
 """Share of the layers beside a surface that is fitted with it: the rest belongs to their far sides."""
 
-
 MOST_KEPT = 1000
 """Rays whose crossings are kept: those of a large plan, and an end's way while it is dragged for a minute or two."""
 

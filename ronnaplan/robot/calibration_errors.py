@@ -2,9 +2,9 @@
 
 The cameras are those that fit a board's corners best, so that the corners' noise makes them wrong by the inverse of the
 normal matrix (the Jacobian's square) of that fit. How long the squares are is known to a stated part: it makes all
-distances wrong alike. Lenses are no polynomials: what the cameras' model lacks makes them
-wrong, too, where boards were seen, and more where they were not. So a lens may bend otherwise by any smooth field in
-its image, as large as the corners' residuals tell.
+distances wrong alike. Lenses are no polynomials: what the cameras' model lacks makes them wrong, too, where boards
+were seen, and more where they were not. So a lens may bend otherwise by any smooth field in its image, as large as the
+corners' residuals tell.
 
 All errors are those of places against the boards': where the boards as a whole seem to be is where the rig is, and a
 motion that cameras and boards share is none. `calibrate_tcp` finds that motion, by the same cameras.
@@ -95,9 +95,8 @@ def known_share(rig: StereoRig, largest_mm: float) -> float:
     columns, rows = (
         (np.arange(count) + 0.5) / count * size for count, size in zip(LOOKED_AT, rig.left.size_px, strict=True)
     )
-    pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(
-        -1, 2
-    )  # but for the lens, which may not be invertible
+    pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+    # Where that is but for the lens, which may not be invertible.
     plane = (pixels - rig.left.matrix[:2, 2]) / np.diag(rig.left.matrix)[:2]
     rays = np.column_stack([plane, np.ones(len(plane))])
     rays *= far / np.linalg.norm(rays, axis=1, keepdims=True)

@@ -62,7 +62,8 @@ def work_off(foreman: Foreman, index: Index, seconds: float) -> None:
     """Have all jobs done, or given up, and the workers ended."""
 
     def over() -> bool:
-        foreman.tick(time.time())
+        with suppress(sqlite3.OperationalError):  # as the hub does
+            foreman.tick(time.time())
         return all(state not in ("waiting", "running") for state, _ in states(index).values())
 
     try:
@@ -82,15 +83,8 @@ def test_files_that_are_no_answers_are_removed_at_the_start_and_with_their_job(
     job(index, "1.4.0")
     foreman = Foreman(config, index, Log(io.StringIO()), "tests.node.fake_work")
     assert not list(answers.rglob("*"))
-
-    def over() -> bool:
-        foreman.tick(time.time())
-        return states(index)["good"][0] == "done"
-
-    try:
-        until(over, 60.0)
-    finally:
-        foreman.close()
+    work_off(foreman, index, 60.0)
+    assert states(index)["good"][0] == "done"
     assert [path.name for path in answers.rglob("*.*")] == ["x.dcm"]
 
 
@@ -176,17 +170,8 @@ def test_what_a_full_disk_keeps_from_being_noted_is_noted_later(
     with FullDisk(config.data) as index:
         job(index, "1.4.0")
         index.statement = statement
-        foreman = Foreman(config, index, Log(io.StringIO()), "tests.node.fake_work")
-
-        def over() -> bool:
-            with suppress(sqlite3.OperationalError):  # as the hub does
-                foreman.tick(time.time())
-            return states(index)["good"][0] == "done"
-
-        try:
-            until(over, 60.0)
-        finally:
-            foreman.close()
+        work_off(Foreman(config, index, Log(io.StringIO()), "tests.node.fake_work"), index, 60.0)
+        assert states(index)["good"][0] == "done"
         assert not index.statement
         assert index.rows("SELECT kind FROM answers") == [("sr",)]
 

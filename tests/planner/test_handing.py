@@ -104,17 +104,19 @@ def test_why_a_file_cannot_be_made_is_told_without_the_command_s_name(storage: S
 
 
 @pytest.mark.parametrize(
-    ("number", "said", "remedy"),
+    ("error", "remedy"),
     [
-        (errno.ENOSPC, "No space left on device", "make room on the planner's disk"),
-        (errno.EMFILE, "Too many open files", "try again once that is mended"),
+        (OSError(errno.ENOSPC, "No space left on device"), "make room on the planner's disk"),
+        (OSError(errno.ENOENT, "No usable temporary directory found"), "make room on the planner's disk"),
+        (OSError(errno.ENOENT, "No such file or directory", "plan.json"), "try again once that is mended"),
+        (OSError(errno.EMFILE, "Too many open files"), "try again once that is mended"),
     ],
 )
 def test_what_the_system_refuses_is_told_and_the_server_does_not_fail(
-    storage: Storage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, said: str, remedy: str
+    storage: Storage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: OSError, remedy: str
 ) -> None:
     def refusing(*_: object) -> None:
-        raise OSError(number, said)
+        raise error
 
     async def asked() -> None:
         application = web.Application()
@@ -122,7 +124,7 @@ def test_what_the_system_refuses_is_told_and_the_server_does_not_fail(
         async with TestClient(TestServer(application)) as client:
             refused = await client.get("/download/report.html")
             assert refused.status == HTTPStatus.INSUFFICIENT_STORAGE
-            assert await refused.text() == f"report.html cannot be made ({said}); {remedy}"
+            assert await refused.text() == f"report.html cannot be made ({error.strerror}); {remedy}"
 
     monkeypatch.setattr("shutil.copyfile", refusing)
     run(asked())
