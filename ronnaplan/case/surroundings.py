@@ -35,6 +35,7 @@ from ronnaplan.planning import (
     propose,
 )
 from ronnaplan.planning.angles import RAS_IN_LPS
+from ronnaplan.planning.changes import unchanged
 from ronnaplan.planning.measures import spacings
 from ronnaplan.planning.obstacles import Kind, Obstacle, Voxels, markers_on, metal
 from ronnaplan.planning.sites import PlacementRules, scalp_sites
@@ -123,8 +124,24 @@ class Surroundings:
     def with_documents(
         self, rules: Rules, fiducials: FiducialsDocument | None, registration: RegistrationDocument | None
     ) -> Surroundings:
-        """Return the same head with other rules, other markers or another registration."""
-        return Surroundings(self.terrain, rules, fiducials, registration)
+        """Return the same head with other rules, other markers or another registration.
+
+        Where only limits are others, what was measured is held against them.
+        """
+        other = Surroundings(self.terrain, rules, fiducials, registration)
+        if other._measures_as(self):
+            other._measured = {name: replace(one, judged=UNJUDGED) for name, one in self._measured.items()}
+        return other
+
+    def _measures_as(self, other: Surroundings) -> bool:
+        mine, theirs = self.rules, other.rules
+        return (
+            self.fiducials is other.fiducials
+            and self.registration is other.registration
+            and (mine.sigma_ct_mm, mine.sigma_ots_mm) == (theirs.sigma_ct_mm, theirs.sigma_ots_mm)
+            and mine.limits.tolerance_mm == theirs.limits.tolerance_mm
+            and np.array_equal(mine.frame_axes, theirs.frame_axes)
+        )
 
     @property
     def head(self) -> Head:
@@ -243,6 +260,10 @@ class Surroundings:
             return error
 
 
+UNJUDGED: tuple[Plan | None, Judgement] = (None, Judgement())
+"""Of what was measured and not held against limits yet."""
+
+
 @dataclass(eq=False)
 class _Measured:
     """What was measured last of a trajectory, and of what; and how it was ``judged``, beside the others of a plan."""
@@ -251,12 +272,13 @@ class _Measured:
     landmarks: Landmarks | None
     rough: bool
     result: Measures | RonnaplanError
-    judged: tuple[Plan | None, Judgement] = (None, Judgement())
+    judged: tuple[Plan | None, Judgement] = UNJUDGED
 
     def serves(self, trajectory: Trajectory, plan: Plan, rough: bool) -> bool:
         """Whether it still holds, and is fine enough."""
-        same = self.trajectory is trajectory and self.landmarks is plan.landmarks
-        return same and (rough or not self.rough)
+        fine_enough = rough or not self.rough
+        same = unchanged(self.trajectory, trajectory) and unchanged(self.landmarks, plan.landmarks)
+        return fine_enough and same
 
 
 def scan_doubts(volume: CTVolume) -> tuple[str, ...]:

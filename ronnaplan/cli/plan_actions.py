@@ -13,6 +13,7 @@ from ronnaplan.cli.plan_inputs import (
     read_scan,
     stated_electrode,
     stated_instrument,
+    stated_target,
 )
 
 if TYPE_CHECKING:
@@ -33,12 +34,13 @@ def run_add(arguments: argparse.Namespace) -> int:
     """Add a trajectory."""
     from ronnaplan.planning import Trajectory
 
-    entry_mm, target_mm = (lps(place, arguments.coordinates) for place in (arguments.entry, arguments.target))
+    entry_mm, target = lps(arguments.entry, arguments.coordinates), stated_target(arguments)
+    assert target is not None
     instrument = stated_instrument(arguments) or Trajectory.instrument
     further = {"colour": arguments.colour or "", "notes": arguments.notes or "", **stated_electrode(arguments)}
 
     def add(plan: Plan) -> Plan:
-        return plan.add(Trajectory(arguments.name, entry_mm, target_mm, plan.frame, instrument, **further))
+        return plan.add(Trajectory(arguments.name, entry_mm, target(plan), plan.frame, instrument, **further))
 
     return change_in_head(arguments, add)
 
@@ -50,18 +52,23 @@ def run_edit(arguments: argparse.Namespace) -> int:
     stated: dict[str, Any] = {
         "name": arguments.rename,
         "entry_mm": arguments.entry and lps(arguments.entry, arguments.coordinates),
-        "target_mm": arguments.target and lps(arguments.target, arguments.coordinates),
         "instrument": stated_instrument(arguments),
         "colour": arguments.colour,
         "notes": arguments.notes,
     }
     changes = {key: value for key, value in stated.items() if value is not None} | stated_electrode(arguments)
-    if not changes:
+    target = stated_target(arguments)
+    if not changes and target is None:
         raise UsageError(
-            f"nothing is to be changed in {arguments.name}; give --entry, --target, --instrument, --electrode, "
-            "--colour, --notes or --rename"
+            f"nothing is to be changed in {arguments.name}; give --entry, --target, --target-acpc, --instrument, "
+            "--electrode, --colour, --notes or --rename"
         )
-    return change_in_head(arguments, lambda plan: plan.edit(arguments.name, **changes))
+
+    def edit(plan: Plan) -> Plan:
+        placed = {} if target is None else {"target_mm": target(plan)}
+        return plan.edit(arguments.name, **changes, **placed)
+
+    return change_in_head(arguments, edit)
 
 
 def run_remove(arguments: argparse.Namespace) -> int:

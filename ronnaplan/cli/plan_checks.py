@@ -7,7 +7,14 @@ import sys
 from typing import TYPE_CHECKING
 
 from ronnaplan.cli.output import warn
-from ronnaplan.cli.plan_inputs import change_named, lps, read_named_plan, scan_of_plan, stated_instrument
+from ronnaplan.cli.plan_inputs import (
+    change_named,
+    lps,
+    read_named_plan,
+    scan_of_plan,
+    stated_instrument,
+    stated_target,
+)
 from ronnaplan.cli.plan_options import SIDES, VISIBLE_DEG
 
 if TYPE_CHECKING:
@@ -53,11 +60,13 @@ def run_propose(arguments: argparse.Namespace) -> int:
     from ronnaplan.planning import Trajectory
     from ronnaplan.planning.tables import proposals_table
 
+    target = stated_target(arguments)
+    assert target is not None
     case = read_named_case(arguments)
     plan = case.plan
     assert plan is not None
     found = case.surroundings.propose(
-        lps(arguments.target, arguments.coordinates),
+        target(plan),
         plan,
         name=arguments.name,
         instrument=stated_instrument(arguments) or Trajectory.instrument,

@@ -77,6 +77,21 @@ def lps(place: list[float], system: str | None) -> FloatArray:
     return to_lps(np.array(place, dtype=np.float64), system)
 
 
+def stated_target(arguments: argparse.Namespace) -> Callable[[Plan], FloatArray] | None:
+    """Return what gives the target (3,), LPS mm, that was stated, of a plan whose AC-PC frame may count; None without.
+
+    Raises `UsageError` where a coordinate system is missing; what it returns raises `InputError` without a frame.
+    """
+    from ronnaplan.planning.angles import lps_from_acpc
+
+    if arguments.target_acpc is not None:
+        return lambda plan: lps_from_acpc(plan.acpc, arguments.target_acpc)
+    if arguments.target is None:
+        return None
+    place_mm = lps(arguments.target, arguments.coordinates)
+    return lambda _: place_mm
+
+
 def stated_electrode(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the electrode that was chosen by name, as a trajectory takes it; nothing where none was named."""
     from ronnaplan.planning.electrodes import electrode_chosen

@@ -45,16 +45,32 @@ def _with_scan(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--series", metavar="UID", help="the series to use, where PATH holds several")
 
 
+def _with_place(parser: argparse._ActionsContainer, name: str, *, required: bool = False) -> None:
+    parser.add_argument(
+        f"--{name}",
+        nargs=3,
+        type=number,
+        metavar=("X", "Y", "Z"),
+        required=required,
+        help=f"{PLACES[name]}, in mm",
+    )
+
+
+def _with_target(parser: argparse.ArgumentParser, *, required: bool) -> None:
+    target = parser.add_mutually_exclusive_group(required=required)
+    _with_place(target, "target")
+    target.add_argument(
+        "--target-acpc",
+        nargs=3,
+        type=number,
+        metavar=("RIGHT", "ANTERIOR", "SUPERIOR"),
+        help="the target from the mid-commissural point, in mm (negative: left, posterior, inferior)",
+    )
+
+
 def _with_coordinates(parser: argparse.ArgumentParser, *names: str, required: bool) -> None:
     for name in names:
-        parser.add_argument(
-            f"--{name}",
-            nargs=3,
-            type=number,
-            metavar=("X", "Y", "Z"),
-            required=required,
-            help=f"{PLACES[name]}, in mm",
-        )
+        _with_place(parser, name, required=required)
     parser.add_argument(
         "--coordinates", choices=("LPS", "RAS"), required=required, help="the system of the coordinates given"
     )
@@ -88,7 +104,8 @@ def configure_add(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of ``plan add``."""
     with_name(parser)
     _with_scan(parser)
-    _with_coordinates(parser, "entry", "target", required=True)
+    _with_target(parser, required=True)
+    _with_coordinates(parser, "entry", required=True)
     _with_instrument(parser)
     _with_electrode(parser)
     _with_looks(parser)
@@ -98,7 +115,8 @@ def configure_edit(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of ``plan edit``."""
     with_name(parser)
     _with_scan(parser)
-    _with_coordinates(parser, "entry", "target", required=False)
+    _with_target(parser, required=False)
+    _with_coordinates(parser, "entry", required=False)
     _with_instrument(parser)
     _with_electrode(parser)
     _with_looks(parser)
@@ -152,7 +170,8 @@ def configure_propose(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of ``plan propose``."""
     with_name(parser)
     _with_scan(parser)
-    _with_coordinates(parser, "target", required=True)
+    _with_target(parser, required=True)
+    _with_coordinates(parser, required=False)
     _with_instrument(parser)
     with_documents(parser)
     with_rules(parser)

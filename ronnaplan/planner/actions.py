@@ -167,10 +167,9 @@ class Actions:
 
     def _place_acpc(self, name: str, axis: Literal[0, 1, 2], value: Typed) -> None:
         """Take the target's way right, anterior or superior of the mid-commissural point from its field, or all."""
-        landmarks = self.state.case.plan.landmarks
-        if landmarks is None:
-            raise UsageError("AC, PC and a point of the midline are not all set; set them first")
-        place = _entered(acpc_from_lps(landmarks, self.state.case.plan.trajectory(name).target_mm), axis, value)
+        plan = self.state.case.plan
+        landmarks = plan.acpc
+        place = _entered(acpc_from_lps(landmarks, plan.trajectory(name).target_mm), axis, value)
         self.state.case.edit(name, target_mm=lps_from_acpc(landmarks, place))
 
     def _show_end(self, name: str, end: Literal["entry", "target"]) -> None:

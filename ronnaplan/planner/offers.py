@@ -13,6 +13,7 @@ from ronnaplan.errors import InputError
 from ronnaplan.planner.looking import Looking
 from ronnaplan.planner.worker import Job, Start
 from ronnaplan.planning import Placement, Proposals, Trajectory
+from ronnaplan.planning.changes import unchanged
 from ronnaplan.planning.sites import PlacementRules
 
 
@@ -70,7 +71,7 @@ class Offers:
             path.name == asked.path.name
             and path.instrument == asked.path.instrument
             and np.array_equal(path.target_mm, asked.path.target_mm)
-            and others(self.case.plan, path.name) == asked.others
+            and _unchanged(others(self.case.plan, path.name), asked.others)
             and asked.surroundings is self.case.surroundings
         )
         return asked.found if holds else None
@@ -103,3 +104,7 @@ class Offers:
     @property
     def _ends_mm(self) -> tuple[tuple[float, ...], ...]:
         return tuple((*one.entry_mm, *one.target_mm) for one in self.case.plan.trajectories)
+
+
+def _unchanged(these: tuple[Trajectory, ...], those: tuple[Trajectory, ...]) -> bool:
+    return len(these) == len(those) and all(map(unchanged, these, those))

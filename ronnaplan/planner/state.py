@@ -94,13 +94,13 @@ class PlannerState:
         return self.second
 
     def add_trajectory(self, entry_mm: FloatArray, target_mm: FloatArray, name: str | None = None) -> str:
-        """Add a trajectory from entry (3,) to target (3,), LPS mm, and select it; returns its name."""
+        """Add a trajectory from entry (3,) to target (3,), LPS mm, and show it; returns its name."""
         plan = self.case.plan
         taken = {one.name for one in plan.trajectories}
         free = next(f"T{n}" for n in range(1, len(taken) + 2) if f"T{n}" not in taken)
         added = Trajectory(name or free, entry_mm, target_mm, plan.frame)
         self.case.add(added)
-        self.look.select(added.name)
+        self.show_path(added.name)
         return added.name
 
     def add_ruler(self, letter: str, points_mm: list[FloatArray]) -> None:

@@ -41,6 +41,11 @@ def same(one: Item, other: Item) -> bool:
     return all(np.array_equal(values[name], value) for name, value in values_of(other).items())
 
 
+def unchanged(one: Item | None, other: Item | None) -> bool:
+    """Tell whether what a plan holds is what it held: read anew, an item has the same values in another object."""
+    return one is other or (one is not None and other is not None and same(one, other))
+
+
 def values_of(item: Item) -> dict[str, Any]:
     """Return the values of an item by the names of its fields."""
     return {field.name: getattr(item, field.name) for field in fields(item)}

@@ -156,6 +156,13 @@ class Plan(Shown[Trajectory]):
         before = self.trajectories[index]
         return self._changed("lock" if locked else "unlock", index, before, replace(before, locked=locked))
 
+    @property
+    def acpc(self) -> Landmarks:
+        """The landmarks of the AC-PC frame; raises `InputError` where they are not stated."""
+        if self.landmarks is None:
+            raise InputError("the plan has no AC-PC frame; state AC, PC and a point of the midline first")
+        return self.landmarks
+
     def with_landmarks(self, landmarks: Landmarks) -> Plan:
         """Return the plan with other AC-PC landmarks."""
         return self._changed("landmarks", 0, self.landmarks, landmarks)

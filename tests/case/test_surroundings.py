@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,16 +11,19 @@ import pytest
 
 from ronnaplan.case.expectation import expectation
 from ronnaplan.case.surroundings import Judgement, Rules, Surroundings, Terrain
+from ronnaplan.documents.plan import read_plan, write_plan
 from ronnaplan.documents.registered import registration_document
 from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.geometry import Points
-from ronnaplan.planning import Limits, Trajectory, measure
+from ronnaplan.planning import Landmarks, Limits, Trajectory, measure
 from ronnaplan.planning.obstacles import Clearance
 from ronnaplan.registration.marker_registration import register_markers
 from tests import cases
 
 
-def test_moving_one_trajectory_measures_only_that_one_again(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def counted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The names of the trajectories that were measured, in this order."""
     counted: list[str] = []
 
     def counting(trajectory: Trajectory, *arguments: Any, **options: Any) -> Any:
@@ -26,6 +31,10 @@ def test_moving_one_trajectory_measures_only_that_one_again(monkeypatch: pytest.
         return measure(trajectory, *arguments, **options)
 
     monkeypatch.setattr("ronnaplan.case.surroundings.measure", counting)
+    return counted
+
+
+def test_moving_one_trajectory_measures_only_that_one_again(counted: list[str]) -> None:
     around = Surroundings(Terrain(cases.volume()), Rules(), cases.fiducials())
     plan = cases.plan()
     shift = np.array([6.0, 0.0, 0.0])
@@ -41,6 +50,31 @@ def test_moving_one_trajectory_measures_only_that_one_again(monkeypatch: pytest.
     assert counted == ["left", "other", "other"]
     apart = [one[0].measures.spacings[0].distance_mm for one in (first, second)]  # type: ignore[union-attr]
     assert apart[1] == pytest.approx(2 * apart[0], rel=1e-6)
+
+
+def test_what_is_read_anew_or_held_against_other_limits_is_measured_only_where_it_changed(
+    counted: list[str], tmp_path: Path
+) -> None:
+    """Another hand's change of one trajectory, or of the limits, leaves the verdicts on the others to be seen."""
+    found = cases.fiducials()
+    around = Surroundings(Terrain(cases.volume()), Rules(), found)
+    plan = cases.plan().with_landmarks(Landmarks(np.zeros(3), np.array([0.0, 25.0, 0.0]), np.array([0.0, 0, 40])))
+    for name, along in (("second", np.array([6.0, 0.0, 0.0])), ("third", np.array([12.0, 0.0, 0.0]))):
+        plan = plan.add(replace(plan.trajectories[0], name=name, target_mm=cases.TARGET_MM + along))
+    around.judge_all(plan)
+    write_plan(tmp_path / "plan.json", plan.edit("second", target_mm=cases.TARGET_MM))
+    theirs = read_plan(tmp_path / "plan.json")
+    assert [around.knows(one, theirs) for one in theirs.trajectories] == [True, False, True]
+    around.judge_all(theirs)
+    assert counted == ["left", "second", "third", "second"]
+    stricter = around.with_documents(Rules(Limits(longest_path_mm=10.0)), found, None)
+    assert all(stricter.knows(one, theirs) for one in theirs.trajectories)
+    assert all(judged.broken for judged in stricter.judge_all(theirs))
+    assert len(counted) == 4
+    others = (Rules(Limits(tolerance_mm=1.0)), found), (Rules(sigma_ct_mm=1.0), found), (Rules(), None)
+    for rules, markers in others:
+        anew = stricter.with_documents(rules, markers, None)
+        assert not any(anew.knows(one, theirs) for one in theirs.trajectories)
 
 
 def test_while_an_end_is_dragged_a_no_go_region_is_its_voxels_and_then_the_surface_behind_them() -> None:

@@ -305,6 +305,25 @@ def test_landmarks_are_kept(plan: Path) -> None:
     np.testing.assert_array_equal(kept.ac_mm, [0, -12, 10])
 
 
+def test_a_target_is_stated_from_the_mid_commissural_point(
+    plan: Path, ct: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scan, from_middle = ["--ct", str(ct)], ["--target-acpc", "-12", "-2", "-4"]
+    assert main(["plan", "edit", str(plan), "A", *scan, *from_middle]) == 1
+    assert "no AC-PC frame; state AC, PC and a point of the midline first" in capsys.readouterr().err
+    points = ["--ac", "1", "-12", "20", "--pc", "1", "12", "20", "--midline", "1", "0", "60"]
+    assert main(["plan", "landmarks", str(plan), *points, "--coordinates", "LPS"]) == 0
+    assert main(["plan", "edit", str(plan), "A", *scan, *from_middle]) == 0
+    assert read_plan(plan).trajectory("A").target_mm == pytest.approx([13.0, 2.0, 16.0])  # left, behind, below
+    entry = ["--entry", *POINTS[1:4], "--coordinates", "RAS"]
+    assert main(["plan", "add", str(plan), "B", *scan, *from_middle, *entry]) == 0
+    assert read_plan(plan).trajectory("B").target_mm == pytest.approx([13.0, 2.0, 16.0])
+    other = ["--target-acpc", "12", "-2", "6", "--count", "1", "--add"]
+    assert main(["plan", "propose", str(plan), "C", *scan, *other]) == 0
+    assert read_plan(plan).trajectory("C").target_mm == pytest.approx([-11.0, 2.0, 26.0])
+    assert main(["plan", "edit", str(plan), "A", *scan, *from_middle, "--target", "1", "2", "3"]) == 2
+
+
 def test_checking_an_empty_plan_says_that_nothing_was_checked(
     ct: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

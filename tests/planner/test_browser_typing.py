@@ -9,7 +9,7 @@ import pytest
 
 from ronnaplan.case.surroundings import Judgement
 from ronnaplan.documents.plan import change_plan, read_plan
-from ronnaplan.errors import UsageError
+from ronnaplan.errors import InputError, UsageError
 from ronnaplan.planner.actions import Actions
 from ronnaplan.planner.panels import chosen_path
 from ronnaplan.planner.pointer import Pointer
@@ -115,7 +115,7 @@ def test_places_are_typed_in_several_ways(state: PlannerState, typed: str) -> No
 
 def test_a_target_is_typed_from_the_mid_commissural_point(state: PlannerState) -> None:
     actions, middle = Actions(state, Pointer(state)).by_name(), np.array([0.5, 2.0, 22.0])
-    with pytest.raises(UsageError, match="set them first"):
+    with pytest.raises(InputError, match="state AC, PC and a point of the midline first"):
         actions["place_acpc"]("left", 0, "-11")
     for name, off in {"AC": (0.0, -12.0, 0.0), "PC": (0.0, 12.0, 0.0), "midline": (0.0, 0.0, 40.0)}.items():
         state.set_landmark(name, middle + off)

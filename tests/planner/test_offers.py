@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ronnaplan.documents.plan import change_plan
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import Points
 from ronnaplan.planner.panels import placement_line, proposal_rows
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.tab import Tab
 from ronnaplan.planner.worker import Job
+from ronnaplan.planning import Ruler
 from ronnaplan.planning.uncertainty import ExpectedPose
 from tests import cases
 from tests.loops import run
@@ -21,6 +23,8 @@ E, T = cases.ENTRY_MM, cases.TARGET_MM
 def test_proposals_hold_only_for_what_they_were_asked_for(state: PlannerState) -> None:
     with pytest.raises(InputError, match="another target"):
         state.offers.take_proposal(0)
+    state.add_trajectory(E + np.array([-50, 0, 0]), T + np.array([-20, 0, 0]), "right")
+    state.look.select("left")
     state.offers.propose("left")
     assert state.offers.proposals is not None
     best = state.offers.proposals.best[0].trajectory.entry_mm
@@ -31,6 +35,9 @@ def test_proposals_hold_only_for_what_they_were_asked_for(state: PlannerState) -
     state.look.select("left")
     assert state.offers.proposals is None  # and there is one more to keep away from
     state.case.undo()
+    change_plan(state.storage.plan, lambda plan: plan.add_ruler(Ruler("D1", np.stack([E, T]))))
+    assert state.case.look_again()
+    assert state.offers.proposals is not None  # another hand left alone what they rest upon
     state.offers.take_proposal(0)
     assert state.case.plan.trajectory("left").entry_mm == pytest.approx(best, abs=0)
     assert state.offers.proposals is not None

@@ -39,6 +39,7 @@ def test_a_drag_is_one_step_and_is_found_in_the_file_to_the_last_digit(state: Pl
 
 def test_everything_is_found_again_after_a_crash(state: PlannerState) -> None:
     name = state.add_trajectory(E + np.array([5, 0, 0]), T)
+    assert state.look.crosshair_mm == pytest.approx(T)  # what was added is looked at
     state.look.jump([1.0, 2.0, 3.0])
     state.look.choose_window("brain")
     state.look.choose_layout("four")
