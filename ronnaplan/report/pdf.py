@@ -7,11 +7,14 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, UnwrittenError
 from ronnaplan.portable import is_administrator
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 TIME_LIMIT_S = 120
+
+ROOM_BYTES = 16 * 2**20
+"""What Chromium keeps for itself while it prints, and a long report, take less."""
 
 FLAGS = (
     *("--headless", "--disable-gpu", "--no-first-run", "--no-pdf-header-footer", "--disable-extensions"),
@@ -26,20 +29,44 @@ def find_browser() -> str | None:
 
 
 def print_pdf(html: str) -> bytes:
-    """Return the page as PDF; raises `InputError` where no Chromium is installed or it fails."""
+    """Return the page as PDF.
+
+    Raises `UnwrittenError` where the disk has no room to print it, `InputError` where no Chromium is installed or it
+    fails otherwise.
+    """
     browser = find_browser()
     if browser is None:
         raise InputError(
             f"no Chromium was found to print a PDF (tried {', '.join(BROWSERS)}); write .html instead"
         )
     with tempfile.TemporaryDirectory(prefix="ronnaplan-") as folder:
-        source, printed = Path(folder) / "report.html", Path(folder) / "report.pdf"
-        source.write_text(html, encoding="utf-8")
-        # Chromium refuses to run as root inside its sandbox; the page it prints runs no script.
-        sandbox = ("--no-sandbox",) if is_administrator() else ()
-        command = [browser, *FLAGS, *sandbox, f"--user-data-dir={folder}/profile", f"--print-to-pdf={printed}"]
         try:
-            subprocess.run([*command, source.as_uri()], check=True, capture_output=True, timeout=TIME_LIMIT_S)
-            return printed.read_bytes()
+            printed = _printed(browser, html, Path(folder))
         except (OSError, subprocess.SubprocessError) as error:
-            raise InputError(f"{browser} could not print the report; write .html and print that") from error
+            raise _unprinted(browser, Path(folder)) from error
+        if not (printed.startswith(b"%PDF-") and printed.rstrip().endswith(b"%%EOF")):
+            raise _unprinted(
+                browser, Path(folder)
+            )  # Chromium ends well where the disk took half of it, or nothing
+        return printed
+
+
+def _printed(browser: str, html: str, folder: Path) -> bytes:
+    source, printed = folder / "report.html", folder / "report.pdf"
+    source.write_text(html, encoding="utf-8")
+    # Chromium refuses to run as root inside its sandbox; the page it prints runs no script.
+    sandbox = ("--no-sandbox",) if is_administrator() else ()
+    command = [browser, *FLAGS, *sandbox, f"--user-data-dir={folder}/profile", f"--print-to-pdf={printed}"]
+    subprocess.run([*command, source.as_uri()], check=True, capture_output=True, timeout=TIME_LIMIT_S)
+    return printed.read_bytes()
+
+
+def _unprinted(browser: str, folder: Path) -> InputError:
+    """Return why nothing was printed into ``folder``."""
+    try:
+        (folder / "room").write_bytes(bytes(ROOM_BYTES))
+    except OSError as error:
+        return UnwrittenError(
+            f"there is no room to print the report in {folder.parent} ({error.strerror or error}); make room there"
+        )
+    return InputError(f"{browser} could not print the report; write .html and print that")

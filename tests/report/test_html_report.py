@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import base64
+import errno
 import hashlib
 import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from ronnaplan import __version__
 from ronnaplan.case.folder import Case, CaseFiles, read_case
 from ronnaplan.documents.plan import write_plan
 from ronnaplan.documents.reading import to_json
-from ronnaplan.errors import FrameMismatchError, InputError
+from ronnaplan.errors import FrameMismatchError, InputError, UnwrittenError
 from ronnaplan.planning import Limits
 from ronnaplan.planning.electrodes import ELECTRODES
 from ronnaplan.report import path_part
@@ -279,4 +281,31 @@ def test_the_page_is_printed_as_pdf(printed: bytes) -> None:
 def test_without_a_browser_a_pdf_is_refused_with_the_way_out(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ronnaplan.report.pdf.BROWSERS", ())
     with pytest.raises(InputError, match=r"write \.html instead"):
+        print_pdf("<p>")
+
+
+@pytest.mark.parametrize("left", [b"", b"%PDF-1.4\n1 0 obj"])
+def test_half_a_pdf_is_none_and_that_the_disk_is_full_is_told(
+    monkeypatch: pytest.MonkeyPatch, left: bytes
+) -> None:
+    """Of a full disk Chromium tells nobody: its exit status is 0."""
+
+    def printing(command: list[str], **_: Any) -> None:
+        target = next(part for part in command if part.startswith("--print-to-pdf="))
+        Path(target.partition("=")[2]).write_bytes(left)
+
+    def full(path: Path, content: bytes) -> None:
+        assert len(content) > 2**20
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("ronnaplan.report.pdf.find_browser", lambda: "chromium")
+    monkeypatch.setattr("ronnaplan.report.pdf.subprocess.run", printing)
+    with pytest.raises(
+        InputError, match=r"chromium could not print the report; write \.html and print that"
+    ) as told:
+        print_pdf("<p>")
+    assert not isinstance(told.value, UnwrittenError)
+    monkeypatch.setattr("ronnaplan.report.pdf.subprocess.run", lambda *_, **__: None)
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(UnwrittenError, match="no room to print the report in .*; make room there"):
         print_pdf("<p>")
