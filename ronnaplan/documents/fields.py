@@ -27,7 +27,7 @@ from pydantic import (
 from ronnaplan import __version__
 from ronnaplan.bounds import FARTHEST_POINT_MM, LARGEST_HU, LARGEST_SIGMA_MM, SMALLEST_SIGMA_MM
 from ronnaplan.errors import InputError, UsageError
-from ronnaplan.text import as_read
+from ronnaplan.text import LONGEST_TEXT, as_read
 
 SYMMETRY_TOLERANCE = 1e-9
 """Largest difference of a correlation from its mirror image: round-off of a written matrix."""
@@ -97,8 +97,12 @@ UNIT_TOLERANCE = 1e-6
 
 Line = Annotated[str, AfterValidator(_printable)]
 """Text for one line, without control, invisible or direction-changing characters."""
-Label = Annotated[Line, Field(min_length=1, pattern=r"\S")]
-"""A name: a line that is not blank."""
+Label = Annotated[str, Field(min_length=1, max_length=LONGEST_TEXT, pattern=r"\S"), AfterValidator(_printable)]
+"""A name: a line that is not blank, no longer than a page takes one."""
+EndLabel = Annotated[
+    str, Field(min_length=1, max_length=LONGEST_TEXT + len(" target"), pattern=r"\S"), AfterValidator(_printable)
+]
+"""The name of a place: it may be a trajectory's and which end of it."""
 Notes = Annotated[str, AfterValidator(_plain_notes)]
 """Text of several lines."""
 Time = Annotated[AwareDatetime, Strict(), BeforeValidator(_time)]

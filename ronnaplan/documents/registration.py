@@ -16,6 +16,7 @@ from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.fields import (
     Covariance,
     DocumentModel,
+    EndLabel,
     Label,
     LengthMm,
     Line,
@@ -72,7 +73,7 @@ class RivalEntry(DocumentModel):
 class TargetEntry(DocumentModel):
     """A place in the scan and the registration's expected error there (mm; covariance in the tracker's axes)."""
 
-    name: Label
+    name: EndLabel
     center: Vector
     predicted_tre_rms: LengthMm
     covariance: Covariance

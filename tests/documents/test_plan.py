@@ -150,6 +150,10 @@ def edited(change: Callable[[dict[str, Any]], object]) -> Callable[[dict[str, An
         (lambda d: d["trajectories"][0].update(electrode="D08"), "unknown electrode 'D08'"),
         (lambda d: d["trajectories"].append(d["trajectories"][0]), "same name"),
         (lambda d: d["landmarks"].update(midline=[0, 30, 0]), "one line"),
+        (
+            lambda d: d["trajectories"][0].update(name="n" * 501),
+            r"trajectories\.0\.name: .* at most 500 characters",
+        ),
         (lambda d: d.pop("source"), "source"),
     ],
 )

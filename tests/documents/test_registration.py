@@ -53,6 +53,17 @@ def test_what_is_written_is_read_back_and_keeps_its_frame(path: Path) -> None:
         document.pose.apply([[0, 0, 0]], Frame("CT", "9.9"))
 
 
+def test_a_trajectory_with_the_longest_name_there_is_can_be_registered_for(path: Path) -> None:
+    content, longest = json.loads(path.read_text()), f"{'n' * 500} target"
+    content["targets"][0]["name"] = longest
+    path.write_text(json.dumps(content))
+    assert read_registration(path).targets[0].name == longest
+    content["targets"][0]["name"] = f"n{longest}"
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=r"targets\.0\.name: .* at most 507 characters"):
+        read_registration(path)
+
+
 def test_targets_of_another_scan_are_refused() -> None:
     found = register_markers(scene.ct_points(), scene.readings())
     other = Points(np.zeros((1, 3)), np.zeros((1, 3, 3)), ("t",), Frame("CT", "9.9"))

@@ -307,5 +307,5 @@ def test_half_a_pdf_is_none_and_that_the_disk_is_full_is_told(
     assert not isinstance(told.value, UnwrittenError)
     monkeypatch.setattr("ronnaplan.report.pdf.subprocess.run", lambda *_, **__: None)
     monkeypatch.setattr(Path, "write_bytes", full)
-    with pytest.raises(UnwrittenError, match="no room to print the report in .*; make room there"):
+    with pytest.raises(UnwrittenError, match=r"no room to print the report in .*; make room there"):
         print_pdf("<p>")
