@@ -98,7 +98,7 @@ UNIT_TOLERANCE = 1e-6
 Line = Annotated[str, AfterValidator(_printable)]
 """Text for one line, without control, invisible or direction-changing characters."""
 Label = Annotated[str, Field(min_length=1, max_length=LONGEST_TEXT, pattern=r"\S"), AfterValidator(_printable)]
-"""A name: a line that is not blank, no longer than a page takes one."""
+"""A name: a line that is not blank, no longer than what is kept of a text from a file."""
 EndLabel = Annotated[
     str, Field(min_length=1, max_length=LONGEST_TEXT + len(" target"), pattern=r"\S"), AfterValidator(_printable)
 ]
