@@ -19,7 +19,7 @@ from ronnaplan.case.folder import Case, CaseFiles, read_case
 from ronnaplan.documents.plan import write_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import FrameMismatchError, InputError, UnwrittenError
-from ronnaplan.planning import Limits
+from ronnaplan.planning import Landmarks, Limits
 from ronnaplan.planning.electrodes import ELECTRODES
 from ronnaplan.report import path_part
 from ronnaplan.report.html import STYLE, page, picture, section, table
@@ -121,6 +121,18 @@ def test_page_one_tells_each_trajectory_in_a_line(case: Case, html: str) -> None
     cells = ["left", f"{measured.length_mm:.1f}", angles, "-", *errors, "9 kept"]
     row = "".join(f"<td>{cell}</td>" for cell in cells)
     assert html.index(row) < html.index("<h2>Scan</h2>")
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_page_one_tells_where_the_ac_pc_frame_was_set(case: Case, html: str) -> None:
+    assert "AC-PC frame" not in html
+    assert case.plan is not None
+    points = (np.array(place) for place in ([0.5, -12.0, 22.0], [0.5, 12.5, 22.0], [0.5, 0.0, 60.0]))
+    set_now = replace(case, plan=case.plan.with_landmarks(Landmarks(*points)))
+    assert (
+        "AC-PC frame, LPS mm: AC 0.50, -12.00, 22.00; PC 0.50, 12.50, 22.00; midline 0.50, 0.00, 60.00. "
+        "AC and PC are 24.5 mm apart."
+    ) in quality_report(set_now)
 
 
 def test_planned_and_registered_error_stand_beside_each_other(html: str) -> None:
