@@ -11,6 +11,7 @@ from ronnaplan.cli.plan_inputs import (
     lps,
     read_named_plan,
     read_scan,
+    require_places,
     stated_electrode,
     stated_instrument,
     stated_target,
@@ -49,6 +50,7 @@ def run_edit(arguments: argparse.Namespace) -> int:
     """Change a trajectory."""
     from ronnaplan.errors import UsageError
 
+    require_places(arguments, "entry", "target")
     stated: dict[str, Any] = {
         "name": arguments.rename,
         "entry_mm": arguments.entry and lps(arguments.entry, arguments.coordinates),

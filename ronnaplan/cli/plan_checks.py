@@ -11,6 +11,7 @@ from ronnaplan.cli.plan_inputs import (
     change_named,
     lps,
     read_named_plan,
+    require_places,
     scan_of_plan,
     stated_instrument,
     stated_target,
@@ -60,6 +61,7 @@ def run_propose(arguments: argparse.Namespace) -> int:
     from ronnaplan.planning import Trajectory
     from ronnaplan.planning.tables import proposals_table
 
+    require_places(arguments, "target")
     target = stated_target(arguments)
     assert target is not None
     case = read_named_case(arguments)
@@ -102,6 +104,7 @@ def run_markers(arguments: argparse.Namespace) -> int:
 
     if arguments.visible is not None and not arguments.tracker:
         raise UsageError("--visible is how far a marker may lean away from the tracker; it needs --tracker")
+    require_places(arguments, "target")
     if arguments.output:
         check_target(arguments.output)
     volume = scan_of_plan(arguments)

@@ -77,6 +77,15 @@ def lps(place: list[float], system: str | None) -> FloatArray:
     return to_lps(np.array(place, dtype=np.float64), system)
 
 
+def require_places(arguments: argparse.Namespace, *names: str) -> None:
+    """Raise `UsageError` where a coordinate system is named and none of the options ``names`` that it is of."""
+    from ronnaplan.errors import UsageError
+
+    if arguments.coordinates is not None and all(getattr(arguments, name) is None for name in names):
+        stated = " or ".join(f"--{name}" for name in names)
+        raise UsageError(f"--coordinates is the system of {stated}, which is not given; give both or neither")
+
+
 def stated_target(arguments: argparse.Namespace) -> Callable[[Plan], FloatArray] | None:
     """Return what gives the target (3,), LPS mm, that was stated, of a plan whose AC-PC frame may count; None without.
 

@@ -346,6 +346,13 @@ BAD = [
     (["add", "{plan}", "B", *POINTS[:-2]], 2, "--coordinates"),
     (["add", "{plan}", "A", *POINTS], 1, "already has"),
     (["edit", "{plan}", "A", "--target", "0", "0", "20"], 2, "--coordinates"),
+    (
+        ["edit", "{plan}", "A", "--notes", "x", *POINTS[8:]],
+        2,
+        "--coordinates is the system of --entry or --target",
+    ),
+    (["propose", "{plan}", "B", "--target-acpc", "1", "2", "3", *POINTS[8:]], 2, "the system of --target, which"),
+    (["markers", "--count", "5", *POINTS[8:]], 2, "the system of --target, which is not given"),
     (["edit", "{plan}", "Z", "--notes", "none"], 1, "no trajectory 'Z'"),
     (["check", "{plan}", "--frame-axes", *["1", "0", "0", "0", "1", "0", "0", "0", "2"]], 1, "not rigid"),
     (["check", "{plan}", "--no-go", "{plan}"], 1, "neither a NIfTI"),
