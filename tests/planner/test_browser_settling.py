@@ -235,5 +235,7 @@ def test_keys_are_listed_and_a_view_is_enlarged_in_this_tab_only(browser: Any, s
     listed = page.inner_text("#keys")
     for key in value(page, "keys"):
         assert key.split("+")[-1].replace("page", "page ").lower() in listed.lower()
+    for words in ("move the crosshair by 1 mm", "clicks at the crosshair", "goes onto the scalp"):
+        assert words in listed  # what keys do in a view, which the server knows nothing of
     page.keyboard.press("Escape")
     page.wait_for_selector("#keys", state="hidden")
