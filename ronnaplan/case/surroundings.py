@@ -242,6 +242,7 @@ class Surroundings:
         if known is None or not known.serves(trajectory, plan, rough):
             known = _Measured(trajectory, plan.landmarks, rough, self._measure(trajectory, plan, rough))
             self._measured[trajectory.name] = known
+        known.trajectory, known.landmarks = trajectory, plan.landmarks  # the same, told by itself the next time
         return known
 
     def _measure(self, trajectory: Trajectory, plan: Plan, rough: bool) -> Measures | RonnaplanError:

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
+from urllib.parse import quote
 
 from aiohttp import web
 
@@ -89,8 +90,21 @@ class Handing:
         return web.Response(
             body=content,
             content_type=kind.get(name.rpartition(".")[2], "application/octet-stream"),
-            headers={"Content-Disposition": f'attachment; filename="{name}"'},
+            headers={"Content-Disposition": f"attachment; filename*=UTF-8''{self._called(name)}"},
         )
+
+    def _called(self, name: str) -> str:
+        """Return what a file is called outside of the case, as RFC 8187 writes it.
+
+        What is no document begins with the case's name: of a document of another scan all here is refused, but other
+        programs take a plan's table for any patient's.
+        """
+        called = name if name in self._storage.found else f"{self._case} {name}"
+        return quote(called, safe="", errors="replace")
+
+    @property
+    def _case(self) -> str:
+        return self._storage.plan.resolve().parent.name
 
     async def _made(self, name: str, origin: Origin) -> bytes:
         """Have a file made of the case as it is now, by a process of its own; one at a time."""
@@ -99,7 +113,7 @@ class Handing:
                 text=f"the case holds nothing yet that {name} could show; add a trajectory, or localize the markers"
             )
         options = ["--ct", str(origin.ct), *(("--series", origin.series) if origin.series else ())]
-        name_of_case = f"--name={self._storage.plan.parent.name}"  # which that of the copies' folder is not
+        name_of_case = f"--name={self._case}"  # which that of the copies' folder is not
         options += (name_of_case, *origin.stated) if MADE[name][0] == "report" else origin.regions
         return await self._run_on_copies(name, (*MADE[name], *options))
 

@@ -100,10 +100,10 @@ def test_the_scene_is_downloaded_with_all_that_is_seen(browser: Any, case: Plann
     page.click(".rp-tab >> text=Files")
     with page.expect_download() as made:
         page.click("[data-download='scene.glb']")
-    assert made.value.suggested_filename == "scene.glb"
+    assert made.value.suggested_filename == f"{case.folder.name} scene.glb"
     content = made.value.path().read_bytes()
     magic, _, size, length = struct.unpack("<4sIII", content[:16])
     assert (magic, size) == (b"glTF", len(content))
     nodes = {node["name"] for node in json.loads(content[20 : 20 + length])["nodes"]}
     assert {"skin", "skull", "marker F1", "path left", "region tumor"} <= nodes
-    page.wait_for_selector("#making >> text=scene.glb was downloaded")
+    page.wait_for_selector(f"#making >> text={case.folder.name} scene.glb was downloaded")

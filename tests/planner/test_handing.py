@@ -7,6 +7,7 @@ import itertools
 import json
 from http import HTTPStatus
 from pathlib import Path
+from urllib.parse import unquote
 
 import pytest
 from aiohttp import web
@@ -57,6 +58,7 @@ def test_a_report_is_called_as_the_case_and_made_as_it_was_stated(
 ) -> None:
     """The files that it is made of are copies in a folder of another name."""
     asked_for: list[str] = []
+    called: list[str] = []
 
     async def make(*options: str) -> None:
         asked_for.extend(options)
@@ -67,13 +69,21 @@ def test_a_report_is_called_as_the_case_and_made_as_it_was_stated(
         origin = Origin(cases.CT, stated=("--paper", "Letter"))
         application.add_routes(Handing(storage, origin, lambda: None, lambda: None).routes())
         async with TestClient(TestServer(application)) as client:
-            assert (await client.get("/download/report.pdf")).status == HTTPStatus.OK
+            answers = [await client.get(f"/download/{name}") for name in ("report.pdf", "plan.csv", "plan.json")]
+            assert {answer.status for answer in answers} == {HTTPStatus.OK}
+            called.extend(unquote(answer.headers["Content-Disposition"]).partition("''")[2] for answer in answers)
 
     monkeypatch.setattr(handing, "_run", make)
     run(asked())
     values = dict(itertools.pairwise(asked_for))
     assert f"--name={storage.plan.parent.name}" in asked_for
     assert values["--paper"] == "Letter"
+    case = storage.plan.parent.name
+    assert called == [
+        f"{case} report.pdf",
+        f"{case} plan.csv",
+        "plan.json",
+    ]  # a document is refused with another scan
 
 
 def test_what_a_case_without_documents_lacks_is_told_by_no_folder_of_passing_files(tmp_path: Path) -> None:

@@ -10,9 +10,10 @@
     const answer = await fetch(`download/${name}`).catch(() => null);
     if (!answer?.ok) return say(answer ? `${name}: ${await answer.text()}` : "the planner does not answer");
     const url = URL.createObjectURL(await answer.blob());
-    Object.assign(document.createElement("a"), { href: url, download: name }).click();
+    const called = decodeURIComponent(answer.headers.get("Content-Disposition").split("UTF-8''")[1]);
+    Object.assign(document.createElement("a"), { href: url, download: called }).click();
     setTimeout(() => URL.revokeObjectURL(url), 60000);
-    say(`${name} was downloaded`);
+    say(`${called} was downloaded`);
   }
   window.addEventListener("click", (event) => {
     const link = event.target.closest?.("[data-download]");
