@@ -56,6 +56,8 @@ def test_every_view_shows_something(browser: Any, shared: Planner) -> None:
         box = page.locator(f"[data-view={view}]").bounding_box()
         assert box["width"] > 200, view
         assert box["height"] > 200, view
+    dashed = {view: page.locator(f"[data-view={view}] .rp-far").count() for view in ("axial", "inline", "head")}
+    assert dashed == {"axial": 1, "inline": 0, "head": 0}  # what is drawn in full is not dashed, too
 
 
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (2560, 1440), (390, 600)])
