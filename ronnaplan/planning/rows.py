@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from ronnaplan.planning.landmarks import Landmarks
 from ronnaplan.planning.limits import Verdict
 from ronnaplan.planning.measures import Measures
 from ronnaplan.planning.placement import Placement
@@ -145,6 +146,14 @@ def verdict_sentence(one: Verdict) -> str:
     unit = "" if one.value is None else one.unit
     against = "" if one.limit is None else f"(limit {limit})"
     return " ".join(part for part in (one.measure, value, unit, against, one.remark) if part)
+
+
+def frame_sentence(landmarks: Landmarks) -> str:
+    """Return where the AC-PC frame was set: who checks angles and targets in it needs its points."""
+    named = (("AC", landmarks.ac_mm), ("PC", landmarks.pc_mm), ("midline", landmarks.midline_mm))
+    points = "; ".join(f"{name} {place(place_mm)}" for name, place_mm in named)
+    apart = number(float(np.linalg.norm(landmarks.ac_mm - landmarks.pc_mm)), 1)
+    return f"AC-PC frame, LPS mm: {points}. AC and PC are {apart} mm apart."
 
 
 def placement_sentence(placed: Placement) -> str:

@@ -11,13 +11,13 @@ from ronnaplan.planning.measures import Measures
 from ronnaplan.planning.placement import Placement
 from ronnaplan.planning.plan import Plan
 from ronnaplan.planning.proposals import Proposals
-from ronnaplan.planning.rows import chance, number, value_and_limit
+from ronnaplan.planning.rows import chance, frame_sentence, number, value_and_limit
 from ronnaplan.planning.uncertainty import Expectation
 from ronnaplan.text import table
 
 
 def plan_list(plan: Plan) -> str:
-    """Return one row a trajectory: ends in LPS mm, length, instrument, lock."""
+    """Return one row a trajectory, ends in LPS mm, length, instrument, lock; and the AC-PC frame, where it is set."""
     rows = [
         [
             one.name,
@@ -32,7 +32,8 @@ def plan_list(plan: Plan) -> str:
         for one in plan.trajectories
     ]
     header = ["name", "entry LPS mm", "target LPS mm", "length mm", "instrument mm", "electrode", "", "notes"]
-    return _table(header, rows)
+    frame = "" if plan.landmarks is None else f"\n\n{frame_sentence(plan.landmarks)}"
+    return f"{_table(header, rows)}{frame}"
 
 
 def history_list(plan: Plan) -> str:

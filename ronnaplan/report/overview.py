@@ -10,8 +10,8 @@ import numpy as np
 
 from ronnaplan.case.folder import Case
 from ronnaplan.case.surroundings import Judgement
-from ronnaplan.planning import Landmarks, Measures, Trajectory
-from ronnaplan.planning.rows import errors_by_basis, number, place
+from ronnaplan.planning import Measures, Trajectory
+from ronnaplan.planning.rows import errors_by_basis, frame_sentence, number
 from ronnaplan.report.html import element, picture, table
 from ronnaplan.report.part import Part
 from ronnaplan.scene.camera import Camera
@@ -87,7 +87,7 @@ def overview_part(case: Case, seen: View | None, *, turns: bool) -> Part:
         rows = [_row(case, case.surroundings.judge(one, case.plan), one.name) for one in case.plan.trajectories]
         body.append(table(HEADER, [UNITS, *rows]))
         if case.plan.landmarks is not None:
-            body.append(element("p", _frame(case.plan.landmarks), "note"))
+            body.append(element("p", frame_sentence(case.plan.landmarks), "note"))
     return Part(TITLE, body)
 
 
@@ -104,14 +104,6 @@ def _head(seen: View, *, turns: bool) -> str:
         return f'<div class="head">{picture(seen.still_png, caption)}</div>'
     shown = f'<div class="scene">{view(seen.things, caption, seen.still_png)}</div>'
     return f'<figure>{shown}<figcaption><span id="how"></span>{caption}</figcaption></figure>'
-
-
-def _frame(landmarks: Landmarks) -> str:
-    """Return where the AC-PC frame was set: who checks angles and targets in it needs its points."""
-    named = (("AC", landmarks.ac_mm), ("PC", landmarks.pc_mm), ("midline", landmarks.midline_mm))
-    points = "; ".join(f"{name} {place(place_mm)}" for name, place_mm in named)
-    apart = number(float(np.linalg.norm(landmarks.ac_mm - landmarks.pc_mm)), 1)
-    return f"AC-PC frame, LPS mm: {points}. AC and PC are {apart} mm apart."
 
 
 def _row(case: Case, judged: Judgement, name: str) -> list[str]:

@@ -297,12 +297,15 @@ def test_a_proposal_for_a_plan_that_was_changed_meanwhile_is_refused(
     assert [one.name for one in read_plan(plan).trajectories] == ["A"]
 
 
-def test_landmarks_are_kept(plan: Path) -> None:
+def test_landmarks_are_kept_and_listed(plan: Path, capsys: pytest.CaptureFixture[str]) -> None:
     points = ["--ac", "0", "-12", "10", "--pc", "0", "12", "10", "--midline", "0", "0", "50"]
     assert main(["plan", "landmarks", str(plan), *points, "--coordinates", "LPS"]) == 0
     kept = read_plan(plan).landmarks
     assert kept is not None
     np.testing.assert_array_equal(kept.ac_mm, [0, -12, 10])
+    assert main(["plan", "list", str(plan)]) == 0
+    told = "AC 0.00, -12.00, 10.00; PC 0.00, 12.00, 10.00; midline 0.00, 0.00, 50.00. AC and PC are 24.0 mm apart."
+    assert capsys.readouterr().out.endswith(f"\n\nAC-PC frame, LPS mm: {told}\n")
 
 
 def test_a_target_is_stated_from_the_mid_commissural_point(
