@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import hmac
 import io
+import os
+import shutil
 import warnings
 from pathlib import Path
 from typing import Final
@@ -29,43 +31,58 @@ from ronnaplan.ct.limits import DEFAULT_LIMITS
 from ronnaplan.ct.no_dicom import is_failed_copy
 from ronnaplan.ct.slices import instance_from_header
 from ronnaplan.documents.basic_profile import CONTENT, DUMMIES, EMPTIED, EMPTY, ENTERED, KEPT, REPLACED, TAKEN
-from ronnaplan.documents.files import make_folder, write_atomically
+from ronnaplan.documents.files import make_folder, rename_folder, write_atomically
 from ronnaplan.errors import InputError
 from ronnaplan.text import printable
 
 LONGEST_NAME: Final = 16
 LEAST_SECRET_BYTES: Final = 32
+PART: Final = ".part"
+"""What the name of a folder ends with that does not hold all yet."""
 
 
 def deidentify(source: str | Path, target: str | Path, secret: bytes) -> int:
     """Write every DICOM file below ``source`` to the folder ``target``, naming nobody; return how many there were.
 
-    ``secret`` makes the new UIDs: with the same one, files of two runs still belong together. Raises `InputError` for
+    ``secret`` makes the new UIDs: with the same one, files of two runs still belong together. They are written to a
+    folder beside, ``target`` with `PART`, which gets its name when it holds all of them. Raises `InputError` for
     a ``target`` that holds anything, a file or folder that cannot be opened, a file that cannot be read whole, one of
-    another class than `TAKEN`, and pixels that are said to show a name; then nothing is left in ``target``. Files that
+    another class than `TAKEN`, and pixels that are said to show a name; then nothing is left. Files that
     are no DICOM are left out, but for those that seem to be what a copy that failed has left.
     """
-    folder = make_folder(target)
-    if any(folder.iterdir()):
-        raise InputError(f"{folder} is not empty; name a new folder, so that nothing in it is taken for made here")
+    folder = Path(os.path.realpath(make_folder(target)))
+    beside = folder.with_name(f"{folder.name}{PART}")
+    _require_new(folder, beside)
     skipped: list[Skipped] = []
     blobs = sorted(blobs_below(given_path(source), DEFAULT_LIMITS, skipped), key=lambda one: one.name)
     for one in skipped:
         if one.is_trouble:
             raise InputError(f"{one.name}: {one.reason}; see to it, or leave it out")
-    written: list[Path] = []
+    make_folder(beside)
+    count = 0
     try:
         for blob in blobs:
             if _is_object(blob):
-                written.append(folder / f"{len(written) + 1:05d}.dcm")
-                write_atomically(written[-1], _deidentified_bytes(blob, secret))
+                count += 1
+                write_atomically(beside / f"{count:05d}.dcm", _deidentified_bytes(blob, secret))
+        if not count:
+            raise InputError(f"{printable(source)} holds no DICOM object; name a folder of CT images")
+        rename_folder(beside, folder)
     except BaseException:  # a part would be taken for the whole
-        for path in written:
-            path.unlink(missing_ok=True)
+        shutil.rmtree(beside, ignore_errors=True)
         raise
-    if not written:
-        raise InputError(f"{printable(source)} holds no DICOM object; name a folder of CT images")
-    return len(written)
+    return count
+
+
+def _require_new(folder: Path, beside: Path) -> None:
+    """Raise `InputError` where something is in the folder to fill, or where its content is made."""
+    if any(folder.iterdir()):
+        raise InputError(f"{folder} is not empty; name a new folder, so that nothing in it is taken for made here")
+    if beside.exists():
+        raise InputError(
+            f"{beside} is there: another run writes to it, or one that was ended left it; remove it, or name another "
+            "folder"
+        )
 
 
 def _is_object(blob: Blob) -> bool:

@@ -245,3 +245,13 @@ def make_folder(path: str | os.PathLike[str]) -> Path:
     except OSError as error:
         raise UnwrittenError(f"cannot make the folder {folder}: {error.strerror}; {_remedy(error)}") from error
     return folder
+
+
+def rename_folder(whole: Path, folder: Path) -> None:
+    """Put a folder in the place of the empty one at ``folder``; raises `UnwrittenError` where it cannot be."""
+    try:
+        folder.rmdir()  # Windows renames to no name that is taken
+        whole.rename(folder)
+        sync_folder(folder.parent)
+    except OSError as error:
+        raise _unwritten(folder, error) from error

@@ -6,7 +6,7 @@ import math
 import os
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from ronnaplan.documents.fields import (
     DocumentModel,
@@ -189,11 +189,17 @@ class ParkingEntry(DocumentModel):
     sigma_deg: Angle = parts.Parking.sigma_deg
 
 
+def _whole(version: object) -> object:
+    if type(version) is not int:  # to Python `true` and 1.0 are 1, too
+        raise ValueError("is no whole number")
+    return version
+
+
 class RoomDocument(DocumentModel):
     """The whole of room.toml, version 1."""
 
     format: Literal["ronnaplan.room"]
-    version: Literal[1]
+    version: Annotated[Literal[1], BeforeValidator(_whole)]
     unit: Literal["mm"]
     head: HeadEntry
     base: FloorEntry

@@ -57,7 +57,8 @@ def serve(
 
     def tell(event: str, **facts: Any) -> None:
         with suppress(BrokenPipeError):  # of a parent that was killed: this process ends, too
-            print(json.dumps({"event": event, **facts}), file=output, flush=True)
+            # a compiled library's own output may have left a line unfinished
+            print(f"\n{json.dumps({'event': event, **facts})}", file=output, flush=True)
 
     threading.Thread(target=_serve, args=(orders, tell, warm_up, work, begun), daemon=True).start()
     limit_memory(memory_mib * MIB)

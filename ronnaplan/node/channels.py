@@ -22,7 +22,7 @@ from ronnaplan.errors import InputError
 from ronnaplan.node.commitment import ASK, COMMITMENT, WELL_KNOWN
 from ronnaplan.node.config import Config, Peer
 from ronnaplan.node.store import Status
-from ronnaplan.node.web import unreached, web_client
+from ronnaplan.node.web import refusals, unreached, web_client
 
 if TYPE_CHECKING:
     from pynetdicom.association import Association
@@ -106,11 +106,15 @@ class _Web:
         try:
             answer = self._client.store_instances([sent])
         except (requests.RequestException, OSError) as error:
-            raise unreached(self._peer, error) from error
+            refused = refusals(error)  # of an instance that came alone
+            if refused is None:
+                raise unreached(self._peer, error) from error
+            answer = refused
         for failed in answer.get("FailedSOPSequence") or []:
-            raise InputError(
-                f"{self._peer.name} answered {failed.get('FailureReason', 0):04X}; expected no failure"
-            )
+            reason = failed.get("FailureReason", 0)
+            if reason == Status.DUPLICATE:  # its UID is made of what it says
+                return
+            raise InputError(f"{self._peer.name} answered {reason:04X}; expected no failure")
         stored = {one.get("ReferencedSOPInstanceUID") for one in answer.get("ReferencedSOPSequence") or []}
         if sent.SOPInstanceUID not in stored and (stored or self._heard.status != STORED):
             raise InputError(

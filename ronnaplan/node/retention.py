@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
+from typing import Final
 
 from ronnaplan.node.audit import DELETED, Audit, Instances
 from ronnaplan.node.index import Index, SeriesRow
 from ronnaplan.node.logs import Log
 
+DAY_S: Final = 86_400.0
 OLD = """
 FROM series WHERE received < ? AND complete = revision
 AND id NOT IN (SELECT series FROM jobs WHERE state IN ('waiting', 'running'))
@@ -16,6 +18,27 @@ AND id NOT IN (SELECT series FROM jobs JOIN answers ON job = jobs.id JOIN delive
                WHERE deliveries.state = 'waiting')
 """
 """Series that nothing was added to since a time, and that owe nobody an answer."""
+
+
+LONGEST_STEP_S: Final = DAY_S
+"""A clock that has gone on by more since it was last looked at may be wrong; nothing is removed for as long then."""
+
+
+def is_held_back(index: Index, now: float, log: Log) -> bool:
+    """Note that the clock says ``now`` (seconds since 1970); whether it went on so far that nothing may be removed.
+
+    A node that did not run for so long has as much time to be told of it, which does no harm.
+    """
+    looked, held = next(iter(index.rows("SELECT looked, held FROM clock")), (now, now))
+    if now - looked > LONGEST_STEP_S:
+        held = now + LONGEST_STEP_S
+        log.tell(
+            "held back",
+            reason=f"the clock went on by {(now - looked) / DAY_S:.1f} days since it was last looked at; it may be "
+            "wrong, so nothing is removed for a day",
+        )
+    index.run("INSERT OR REPLACE INTO clock VALUES (1, ?, ?)", now, held)
+    return bool(now < held <= now + LONGEST_STEP_S)  # later than that by a clock that was ahead
 
 
 def remove_old(folder: Path, index: Index, before: float, log: Log, audit: Audit) -> None:

@@ -23,13 +23,12 @@ from ronnaplan.node.audit import Audit
 from ronnaplan.node.facts import Facts
 from ronnaplan.node.index import Index
 from ronnaplan.node.logs import Log
-from ronnaplan.node.retention import remove_old
+from ronnaplan.node.retention import DAY_S, is_held_back, remove_old
 from ronnaplan.portable import replace, sync_folder
 
 INCOMING, INSTANCES, ASIDE = "incoming", "instances", "aside"
 LARGEST_GROUP = 64
 MIB = 1 << 20
-DAY_S = 86_400.0
 IDLE_S = 1.0
 RETENTION_S = 600.0
 """How often it is looked for what may go."""
@@ -133,7 +132,8 @@ class Store:
         if not now < self._retention_due <= now + RETENTION_S:  # later than that by a clock that was ahead
             self._retention_due = now + RETENTION_S
             try:
-                remove_old(self.folder, index, now - self._keep_s, self._log, self._audit)
+                if not is_held_back(index, now, self._log):
+                    remove_old(self.folder, index, now - self._keep_s, self._log, self._audit)
             except (OSError, sqlite3.Error) as error:  # tried again
                 self._log.tell("not removed", reason=str(error))
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 from ronnaplan.errors import InputError
 
 if TYPE_CHECKING:
+    from pydicom.dataset import Dataset
     from requests import Response
     from urllib3.util import Retry
 
@@ -18,8 +19,9 @@ if TYPE_CHECKING:
 LONGEST_END: Final = 4096
 """Bytes at the end of an answer of several parts among which its last boundary is looked for."""
 AGAIN: Final = 4
-"""So often an archive that is busy is asked again, in 15 s."""
+"""So often an archive that is busy is asked again: at once, and after 2, 4 and 8 s more."""
 BUSY: Final = (408, 429, 503, 504)
+CONFLICT: Final = 409
 MORE: Final = "299"
 """Code of the warning that a list has more than was told (PS3.18, 8.3.4.4)."""
 
@@ -68,6 +70,23 @@ def unreached(peer: Peer, error: Exception) -> InputError:
         return InputError(f"{peer.name} answered {said} by DICOMweb; check its address, or ask again later")
     told = "it does not answer" if isinstance(error, Timeout) else _innermost(error)
     return InputError(f"{peer.name} cannot be reached by DICOMweb: {told}; check its address")
+
+
+def refusals(error: Exception) -> Dataset | None:
+    """Return what an archive says of instances none of which it stored (PS3.18, 10.5.3: 409); None where it says none.
+
+    The client raises an error for such an answer, whatever it says.
+    """
+    from pydicom.dataset import Dataset
+    from requests import HTTPError
+
+    if not isinstance(error, HTTPError) or error.response is None or error.response.status_code != CONFLICT:
+        return None
+    try:
+        said = Dataset.from_json(error.response.text)
+    except Exception:  # pydicom raises many kinds for what is no data set
+        return None
+    return said if said.get("FailedSOPSequence") else None
 
 
 def _innermost(error: BaseException) -> str:

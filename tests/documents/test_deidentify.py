@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -214,6 +215,30 @@ def test_what_is_refused_leaves_no_part_that_could_be_taken_for_the_whole(scan: 
         deidentify(scan, tmp_path / "out", SECRET)
     (scan / "004").unlink()
     assert deidentify(scan, tmp_path / "out", SECRET) == 4
+
+
+def test_a_run_that_is_killed_leaves_nothing_that_could_be_taken_for_the_whole(scan: Path, tmp_path: Path) -> None:
+    """Its files lie in a folder beside, of another name, which the next run does not take for its own."""
+    code = f"""
+import os, ronnaplan.documents.deidentify as module
+write = module.write_atomically
+def write_and_die(path, content):
+    write(path, content)
+    if path.name == "00003.dcm":
+        os._exit(9)
+module.write_atomically = write_and_die
+module.deidentify({str(scan)!r}, {str(tmp_path / "out")!r}, {SECRET!r})
+"""
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 9
+    assert not list((tmp_path / "out").iterdir())
+    left = tmp_path / "out.part"
+    assert len(list(left.iterdir())) == 3
+    with pytest.raises(InputError, match="there: another run writes to it, or one that was ended left it"):
+        deidentify(scan, tmp_path / "out", SECRET)
+    shutil.rmtree(left)
+    (tmp_path / "link").symlink_to(tmp_path / "out")
+    assert deidentify(scan, tmp_path / "link", SECRET) == len(list((tmp_path / "out").iterdir())) == 4
+    assert not left.exists()
 
 
 def test_patients_without_an_id_stay_apart_and_those_with_one_go_by_it(tmp_path: Path) -> None:

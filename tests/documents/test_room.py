@@ -45,6 +45,8 @@ def test_the_example_shows_how_an_arm_of_meshes_is_told(tmp_path: Path) -> None:
     ("old", "new", "sentence"),
     [
         ("version = 1", "version = 2", "version"),
+        ("version = 1", "version = true", "version: is no whole number"),
+        ("version = 1", "version = 1.0", "version: is no whole number"),
         ("nearest_mm = 950", "nearest = 950", "tracker.nearest: no field"),
         ("x = [-1100, 700]", "x = [700, -1100]", "x goes from 700 to -1100"),
         ("center = [0, 0, 1050]", 'center = [0, 0, "1050"]', "head.center.2"),

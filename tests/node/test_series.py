@@ -15,6 +15,7 @@ from ronnaplan.node.index import Index, SeriesRow
 from ronnaplan.node.logs import Log
 from ronnaplan.node.retention import remove_old
 from ronnaplan.node.series import SeriesWatch, rule_for
+from ronnaplan.node.store import Store
 from ronnaplan.node.tables import status_page
 from tests.node.audit_schema import conforming
 from tests.node.peers import configuration
@@ -157,6 +158,26 @@ def test_rules_fit_by_patterns_in_any_case(index: Index, pattern: dict[str, str]
     add(index, 0, 100.0)
     (series,) = index.records(SeriesRow, "FROM series")
     assert (rule_for(series, (Rule(name="x", **pattern),)) is not None) is fits  # type: ignore[arg-type]
+
+
+def test_a_clock_that_jumps_ahead_holds_removal_back_for_a_day_and_is_told(index: Index, tmp_path: Path) -> None:
+    day, said = 86_400.0, io.StringIO()
+    log = Log(said)
+    store = Store(tmp_path, log, Audit(tmp_path, "audit.log", "RONNAPLAN", log), keep_days=30.0)
+    add(index, 0, 0.0)
+    index.run("UPDATE series SET complete = revision")
+
+    def kept(now: float) -> int:
+        store._remove_old(index, now)
+        return int(index.value("SELECT count(*) FROM series"))
+
+    assert kept(1000.0) == 1
+    assert [kept(40 * day + hour * 3600.0) for hour in range(24)] == [1] * 24
+    assert said.getvalue().count("the clock went on by 40.0 days since it was last looked at") == 1
+    assert kept(2000.0) == 1  # set back
+    assert [kept(days * day) for days in range(1, 31)] == [1] * 30
+    assert said.getvalue().count("held back") == 1
+    assert kept(30.01 * day) == 0
 
 
 def test_what_was_kept_long_enough_goes_but_nothing_that_owes_an_answer(index: Index, tmp_path: Path) -> None:

@@ -229,7 +229,8 @@ def test_an_answer_that_dicomweb_does_not_say_to_have_stored_is_not_delivered(
 
     own = str(scan[0].SOPInstanceUID)
     stored, failed = told("ReferencedSOPSequence", own), told("FailedSOPSequence", own, 0xA700)
-    for answer in ((200, None), (200, stored), (202, stored)):
+    there = told("FailedSOPSequence", own, 0x0111)
+    for answer in ((200, None), (200, stored), (202, stored), (202, there), (409, there)):
         with serving(Web([], [], stored=answer)) as peer, open_channel(Config(), peer) as channel:
             channel.send(path)
     unsure = ((202, None), (202, told("ReferencedSOPSequence", "1.2.404")))
@@ -237,6 +238,9 @@ def test_an_answer_that_dicomweb_does_not_say_to_have_stored_is_not_delivered(
         (unsure[0], "does not say"),
         (unsure[1], "does not say"),
         ((202, failed), "answered A700"),
+        ((409, failed), "answered A700"),
+        ((409, None), "answered 409 Conflict"),
+        ((409, stored), "answered 409 Conflict"),
     ):
         with (
             serving(Web([], [], stored=answer)) as peer,
