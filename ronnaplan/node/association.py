@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from pynetdicom import AE
+from pynetdicom import AE, evt
 from pynetdicom.association import Association
 from pynetdicom.presentation import PresentationContext, build_role
 
@@ -15,7 +15,7 @@ from ronnaplan.ct.header import EXPLICIT_LITTLE, IMPLICIT_LITTLE
 from ronnaplan.errors import InputError
 from ronnaplan.node.config import Config, Peer
 from ronnaplan.node.tls import Context, context
-from ronnaplan.node.transport import LARGEST_PDU, set_up_pynetdicom
+from ronnaplan.node.transport import LARGEST_PDU, end_at_fault, set_up_pynetdicom
 
 SYNTAXES = (EXPLICIT_LITTLE, IMPLICIT_LITTLE)
 
@@ -49,7 +49,7 @@ def associated(
             contexts=[*entity.requested_contexts, *stored],
             ext_neg=[build_role(sop_class, scp_role=True) for sop_class in (*provided, *back)],
             tls_args=None if own is None else (own, peer.host),
-            evt_handlers=list(handlers),
+            evt_handlers=[(evt.EVT_CONN_OPEN, lambda event: end_at_fault(event.assoc)), *handlers],
         )
     except (OSError, UnicodeError) as error:
         raise InputError(f"{named} cannot be reached: no host of this name is known; check its address") from error
@@ -69,7 +69,9 @@ def _why_not(association: Association, own: Context | None) -> str:
     """Return why it came to no association."""
     if association.is_rejected:
         return "refused the association"
-    return f"does not agree on TLS: {own.fault}" if own is not None and own.fault else "cannot be reached"
+    if own is not None and own.fault:
+        return f"does not agree on TLS: {own.fault}"
+    return "cannot be reached, or speaks no DICOM; check its address"
 
 
 def _asking(config: Config, classes: Sequence[str]) -> AE:

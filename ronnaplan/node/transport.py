@@ -35,9 +35,9 @@ _BEYOND = 4096
 
 
 def give_up_waiting(association: Association) -> None:
-    """Free the place of a connection that ended before it became an association: its thread waits for a request."""
-    requests: Any = association.dul.to_user_queue  # typed for requests only
-    requests.put(None)  # what a wait that ended in vain returns
+    """Free the place of a connection that ended, for whose next message a thread may wait."""
+    messages: Any = association.dul.to_user_queue  # typed for messages only
+    messages.put(None)  # what a wait that ended in vain returns
 
 
 def titles(association: Association) -> tuple[str, str]:
@@ -55,6 +55,28 @@ def set_up_pynetdicom() -> None:
     logger = logging.getLogger("pynetdicom")
     logger.addHandler(logging.NullHandler())
     logger.propagate = False
+
+
+def end_at_fault(association: Association) -> None:
+    """Have an association end where its peer breaks the protocol in a way that pynetdicom does not know.
+
+    The thread that speaks with the peer would end with a traceback, and nobody hear that the connection is gone.
+    """
+    provider = association.dul
+    act = provider.state_machine.do_action
+
+    def act_or_end(event: str) -> None:
+        try:
+            act(event)
+        except Exception:  # an order of messages, or a value in one, that the standard does not have
+            provider.kill_dul()
+            if provider.socket is not None:
+                provider.socket.close()
+            peer = association.requestor if association.is_acceptor else association.acceptor
+            evt.trigger(association, evt.EVT_CONN_CLOSE, {"address": peer.address_info})
+            give_up_waiting(association)
+
+    provider.state_machine.do_action = act_or_end  # type: ignore[method-assign]
 
 
 class BoundedSocket(AssociationSocket):
@@ -137,6 +159,7 @@ class Handler(RequestHandler):
         bounded.bell = bell = Bell()
         let_sleep(association, bell)
         association.dul.socket = bounded
+        end_at_fault(association)
         if self.server.storage is not None:
             storing = Storing(association, bounded, self.server.storage)
             association.bind(evt.EVT_CONN_CLOSE, lambda _: storing.close())

@@ -5,12 +5,16 @@ from __future__ import annotations
 import socket
 from contextlib import ExitStack, suppress
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pytest
 from pydicom.uid import CTImageStorage
 from pynetdicom import AE
 
+from ronnaplan.errors import InputError
+from ronnaplan.node.association import associated
+from ronnaplan.node.config import Config, Peer
 from tests.ct import makers
 from tests.node.peers import (
     Listening,
@@ -104,6 +108,46 @@ def test_a_message_begun_and_never_ended_leaves_nothing(tmp_path: Path) -> None:
         until(lambda: node.events("cut off"))
         assert not list((node.folder / "incoming").iterdir())
         assert node.files() == []
+
+
+ODD_ABORT = b"\x07\0\0\0\0\x04\0\0\xff\0"
+"""An A-ABORT of a source that is none (PS3.8, 9.3.8)."""
+
+
+def test_a_peer_that_breaks_the_protocol_in_an_odd_way_leaves_nothing_open_and_what_it_sent_is_told(
+    tmp_path: Path,
+) -> None:
+    with listening(tmp_path) as node:
+        entity = AE("CT1")
+        entity.add_requested_context(CTImageStorage)
+        association = associate(entity, node.port)
+        assert association.send_c_store(makers.dataset(0)).Status == 0
+        connection = association.dul.socket
+        assert connection is not None
+        connection.send(ODD_ABORT)
+        until(lambda: node.events("received"))
+        until(lambda: not node.receiver._server.active_associations)  # type: ignore[union-attr]
+        assert not node.receiver._moved
+        until(lambda: association.is_aborted)
+
+
+def test_an_archive_that_breaks_the_protocol_in_an_odd_way_is_told(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer() -> None:
+            with server.accept()[0] as peer:
+                peer.recv(1 << 16)
+                peer.sendall(ODD_ABORT)
+
+        thread = Thread(target=answer)
+        thread.start()
+        archive = Peer(name="pacs", port=server.getsockname()[1])
+        with (
+            pytest.raises(InputError, match=r"pacs .* cannot be reached, or speaks no DICOM; check its address"),
+            associated(Config(), archive, [CTImageStorage]),
+        ):
+            pass
+        thread.join()
 
 
 def test_a_message_larger_than_agreed_is_cut_off(tmp_path: Path) -> None:
