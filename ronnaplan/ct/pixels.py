@@ -56,6 +56,12 @@ def read_slice(image: SliceImage, target: Voxels, padding_hu: float | None, limi
         target[padded] = padding_hu
 
 
+def stored_values(image: SliceImage, limits: Limits) -> Stored:
+    """Return the stored values (J, I) of a slice, as they are before any rescale; raises `InputError` for damage."""
+    stored = _stored(image, limits)
+    return stored if image.pixels.tag in FLOAT_BYTES else _significant_bits(stored, image.pixels)
+
+
 def _is_plain_int16(image: SliceImage) -> bool:
     pixels = image.pixels
     is_ordinary = pixels.length is not None and pixels.tag == tags.PIXEL_DATA and pixels.bits_allocated == 16

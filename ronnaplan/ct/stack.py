@@ -6,7 +6,6 @@ flagged. What cannot be one stack is divided where the files say how, and refuse
 
 from __future__ import annotations
 
-import hashlib
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -16,6 +15,7 @@ import numpy as np
 
 from ronnaplan.ct.apart import PASSES, share_plane, what_differs
 from ronnaplan.ct.codecs import tells_loss
+from ronnaplan.ct.copies import SAME_PLACE_TOLERANCE_MM, without_copies
 from ronnaplan.ct.derived import flags_of
 from ronnaplan.ct.grid import (
     FARTHEST_MM,
@@ -24,14 +24,11 @@ from ronnaplan.ct.grid import (
     TILT_TOLERANCE_DEG,
     SliceGrid,
 )
-from ronnaplan.ct.header import DEFLATED_LITTLE
 from ronnaplan.ct.slices import SliceImage
 from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 
-SAME_PLACE_TOLERANCE_MM: Final = 0.01
-"""Slices nearer than this along the normal are at the same place (positions are often rounded to 0.01 mm)."""
 MULTIPLE_TOLERANCE: Final = 0.02
 """A gap within 2 % of a whole multiple of the usual gap tells of missing slices."""
 SIDEWAYS_TOLERANCE_MM: Final = 0.05
@@ -128,7 +125,7 @@ def _stacks_of_plane(images: list[SliceImage]) -> list[Stack]:
         return [Stack(tuple(images), problem=str(error))]
     normal = np.cross(column_step, row_step)
     normal /= np.linalg.norm(normal)
-    kept, positions, dropped = _without_copies(images, origins @ normal)
+    kept, positions, dropped = without_copies(images, origins @ normal)
     keys = dict(PASSES)
     if any(image.tube_voltage_kv is None for image in kept):
         del keys["tube voltages"]
@@ -164,37 +161,6 @@ def _interleave(parts: list[list[SliceImage]], normal: FloatArray) -> bool:
     ranges.sort()
     ends = np.maximum.accumulate([high for _, high in ranges])
     return any(low < end + SAME_PLACE_TOLERANCE_MM for (low, _), end in zip(ranges[1:], ends[:-1], strict=True))
-
-
-def _without_copies(images: list[SliceImage], along: FloatArray) -> tuple[list[SliceImage], FloatArray, bool]:
-    """Sort by position and drop exact copies (same place, same rescale, same stored bytes)."""
-    order = np.argsort(along, kind="stable")
-    starts = np.flatnonzero(np.diff(along[order]) > SAME_PLACE_TOLERANCE_MM) + 1
-    kept: list[int] = []
-    for group in np.split(order, starts):
-        if len(group) == 1:
-            kept.append(int(group[0]))
-        else:
-            unlike: dict[tuple[object, ...], int] = {}
-            for index in group:
-                unlike.setdefault(_fingerprint(images[index]), int(index))
-            kept.extend(unlike.values())
-    return [images[index] for index in kept], along[kept], len(kept) < len(images)
-
-
-def _fingerprint(image: SliceImage) -> tuple[object, ...]:
-    """Return what two images must share to be the same one twice."""
-    pixels, blob = image.pixels, image.instance.blob
-    start, count, frame = pixels.offset, pixels.length, 0
-    if pixels.transfer_syntax == DEFLATED_LITTLE:
-        start, count, frame = 0, blob.size, image.frame
-    elif count is None:
-        count, frame = blob.size - start, image.frame
-    elif pixels.frames > 1:
-        start, count = start + image.frame * pixels.frame_bytes, pixels.frame_bytes
-    digest = hashlib.sha256(blob.read(start, count)).digest()
-    place = tuple(round(value, 3) for value in image.origin_mm)
-    return place, image.slope, image.intercept, pixels.transfer_syntax, frame, digest
 
 
 def _one_stack(

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from ronnaplan.ct import VolumeFlag, find_series, read_ct
 from ronnaplan.ct.stack import stacks_of
 from ronnaplan.errors import InputError
-from tests.ct.makers import Change, dataset, pattern, slice_image, write_series
+from tests.ct.makers import Change, compress, dataset, pattern, save, slice_image, write_series
 
 POSITIONS = {
     "head first prone": [-1, 0, 0, 0, -1, 0],
@@ -183,6 +183,28 @@ def test_identical_copies_are_dropped_with_a_flag(tmp_path: Path) -> None:
     volume = read_ct(tmp_path)
     assert volume.voxels_hu.shape[0] == 4
     assert volume.flags == (VolumeFlag.DUPLICATES_DROPPED,)
+
+
+@pytest.mark.parametrize("syntax", ["1.2.840.10008.1.2", "1.2.840.10008.1.2.2", "1.2.840.10008.1.2.4.80"])
+def test_copies_in_another_transfer_syntax_are_dropped_only_where_their_values_are_the_same(
+    syntax: str, tmp_path: Path
+) -> None:
+    """As of an archive that exported a series twice, once compressed or big endian."""
+    write_series(tmp_path)
+    for k in range(4):
+        made = dataset(k)
+        if syntax.endswith(".80"):
+            compress(made, syntax, tmp_path)
+        save(made, tmp_path / f"copy{k}", syntax)
+    volume = read_ct(tmp_path)
+    assert np.array_equal(volume.voxels_hu, [pattern(k) - 1024 for k in range(4)])
+    assert volume.flags == (VolumeFlag.DUPLICATES_DROPPED,)
+    other = pattern(1)
+    other[3, 3] += 1
+    save(dataset(1, stored=other), tmp_path / "copy1")
+    save(dataset(1), tmp_path / "001", "1.2.840.10008.1.2")
+    with pytest.raises(InputError, match=r"different images lie at the same place \(.*001 and .*copy1\)"):
+        read_ct(tmp_path)
 
 
 def test_different_images_of_one_instance_uid_are_flagged(tmp_path: Path) -> None:
