@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -10,11 +11,12 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from pydicom.dataset import Dataset
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, RonnaplanError
 from ronnaplan.node.arrivals import Arrivals
 from ronnaplan.node.config import Config, Peer
 from ronnaplan.node.matches import LEVELS, fitting
 from ronnaplan.node.web import unreached, web_client
+from ronnaplan.text import printable
 
 if TYPE_CHECKING:
     from pynetdicom.association import Association
@@ -85,11 +87,14 @@ class _Dimse:
         self._config, self._peer, self._association, self._way, self._kept = config, peer, association, way, kept
 
     def find(self, level: str, keys: Mapping[str, str]) -> list[Dataset]:
-        told = self._told(self._association.send_c_find(_query(level, keys), FIND))
-        found = [one for one in told if one is not None]
-        if len(found) < len(told):
-            raise InputError(f"{self._peer.name} answered what cannot be read; expected a dataset for each match")
-        return fitting(self._peer.name, level, keys, found)
+        with _understood(self._peer):
+            told = self._told(self._association.send_c_find(_query(level, keys), FIND))
+            found = [one for one in told if one is not None]
+            if len(found) < len(told):
+                raise InputError(
+                    f"{self._peer.name} answered what cannot be read; expected a dataset for each match"
+                )
+            return fitting(self._peer.name, level, keys, found)
 
     def fetch(self, uids: Sequence[str], folder: Path) -> set[Path]:
         self._kept.expect(uids, folder)
@@ -136,9 +141,10 @@ class _Web:
         fields = [name for name, value in keys.items() if not value]
         found: list[Dataset] = []
         while True:  # a list comes in pages, and not every archive says that there is another one
-            page = ways[len(above)](*above, search_filters=filters, fields=fields, offset=len(found) or None)
-            known, found = len(found), [*found, *(Dataset.from_json(one) for one in page)]
-            found = fitting(self._peer.name, level, keys, found)
+            with _understood(self._peer):
+                page = ways[len(above)](*above, search_filters=filters, fields=fields, offset=len(found) or None)
+                known, found = len(found), [*found, *(Dataset.from_json(one) for one in page)]
+                found = fitting(self._peer.name, level, keys, found)
             if len(found) == known:
                 break
         if self._heard.has_more:
@@ -147,14 +153,15 @@ class _Web:
 
     def fetch(self, uids: Sequence[str], folder: Path) -> set[Path]:
         self._kept.expect(uids, folder)
-        if len(uids) == len(LEVELS):
-            instances = [self._client.retrieve_instance(*uids)]
-        else:
-            instances = (self._client.iter_study, self._client.iter_series)[len(uids) - 1](*uids)
-        for instance in instances:
-            file = io.BytesIO()
-            instance.save_as(file, enforce_file_format=True)
-            self._kept.keep(instance.SOPInstanceUID, file.getvalue())
+        with _understood(self._peer):
+            if len(uids) == len(LEVELS):
+                instances = [self._client.retrieve_instance(*uids)]
+            else:
+                instances = (self._client.iter_study, self._client.iter_series)[len(uids) - 1](*uids)
+            for instance in instances:
+                file = io.BytesIO()
+                instance.save_as(file, enforce_file_format=True)
+                self._kept.keep(instance.SOPInstanceUID, file.getvalue())
         return self._kept.all_of(self._peer.name, _instances(self, uids))
 
 
@@ -176,6 +183,20 @@ def _query(level: str, keys: Mapping[str, str]) -> Dataset:
     for keyword, value in keys.items():
         setattr(query, keyword, value)
     return query
+
+
+@contextmanager
+def _understood(peer: Peer) -> Iterator[None]:
+    """Have an answer that cannot be read told of as an `InputError`; what is merely odd in it is passed over."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    except (RonnaplanError, OSError):
+        raise
+    except Exception as error:  # pydicom and the client of DICOMweb raise many kinds
+        told = printable(f"{type(error).__name__}: {error}")
+        raise InputError(f"{peer.name} sent what cannot be read ({told}); check its address") from error
 
 
 @contextmanager

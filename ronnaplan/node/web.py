@@ -63,8 +63,10 @@ def web_client(peer: Peer, silent_s: float) -> tuple[Any, Heard]:
 
 def unreached(peer: Peer, error: Exception) -> InputError:
     """Return what there is to say of a peer whose DICOMweb raised ``error``."""
-    from requests import HTTPError, Timeout
+    from requests import HTTPError, JSONDecodeError, Timeout
 
+    if isinstance(error, JSONDecodeError):
+        return InputError(f"{peer.name} answered by DICOMweb what is no JSON; check its address")
     if isinstance(error, HTTPError) and error.response is not None:
         said = f"{error.response.status_code} {error.response.reason or ''}".strip()
         return InputError(f"{peer.name} answered {said} by DICOMweb; check its address, or ask again later")

@@ -137,6 +137,35 @@ def test_an_answer_by_dicomweb_that_lacks_anything_is_an_error(scan: list[Datase
         pull(Config(), peer, PATIENT, tmp_path)
 
 
+class Odd(Web):
+    """An archive whose lists, and instances, are none."""
+
+    listed: Any = None
+    content: bytes = b""
+
+    def search(self, path: str, query: dict[str, list[str]]) -> tuple[Any, bool]:
+        return super().search(path, query) if self.listed is None else (self.listed, False)
+
+    def retrieve(self) -> bytes:
+        return b"--b\r\n\r\n" + self.content + b"\r\n--b--\r\n"
+
+
+def test_an_answer_by_dicomweb_that_is_none_is_told_in_a_sentence(scan: list[Dataset], tmp_path: Path) -> None:
+    for listed in ([1, 2], {"a": 1}, [None], [{"0020000D": {"vr": "UI", "Value": [{"a": 1}]}}]):
+        odd = Odd(scan, scan)
+        odd.listed = listed
+        with (
+            serving(odd) as peer,
+            pytest.raises(InputError, match=r"pacs sent what cannot be read \(.*; check its"),
+        ):
+            pull(Config(), peer, PATIENT, tmp_path)
+    for content in (b"no DICOM", bytes(128) + b"DICM"):
+        odd = Odd(scan, scan)
+        odd.content = content
+        with serving(odd) as peer, pytest.raises(InputError, match="pacs sent what cannot be read"):
+            pull(Config(), peer, PATIENT, tmp_path)
+
+
 def test_what_was_not_asked_for_is_no_answer(scan: list[Dataset], tmp_path: Path) -> None:
     with serving(Web(scan, scan)) as peer:
         for other, keyword in ((Wanted(patient_id="P-2"), "PatientID"), (Wanted(date="20260103-"), "StudyDate")):
