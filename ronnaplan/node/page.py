@@ -8,7 +8,9 @@ from __future__ import annotations
 import hmac
 import os
 import secrets
+import sys
 import threading
+from contextlib import suppress
 from http.cookies import CookieError, SimpleCookie
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -71,6 +73,12 @@ class _Server(ThreadingHTTPServer):
     folder: Path
     log: Log
 
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Tell of a request that could not be answered in one line; who closes the page meanwhile is no fault."""
+        error = sys.exception()
+        if not isinstance(error, ConnectionError):
+            self.log.tell("page failed", reason=f"{type(error).__name__}: {error}")
+
 
 class _Handler(BaseHTTPRequestHandler):
     server: _Server
@@ -114,7 +122,9 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _is_let_in(self) -> bool:
         """Whether the request is for this host and shows the token: in its address, a cookie or as a bearer's."""
-        host = urlsplit(f"//{self.headers.get('Host', '')}").hostname
+        host = ""
+        with suppress(ValueError):  # brackets around no address
+            host = urlsplit(f"//{self.headers.get('Host', '')}").hostname or ""
         if host not in NAMES or not hmac.compare_digest(self._shown().encode(), self.server.token.encode()):
             self._answer(403, "text/plain", f"open the page with ?token= and what the node's {TOKEN_FILE} holds")
             return False

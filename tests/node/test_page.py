@@ -6,16 +6,20 @@ import http.client
 import io
 import os
 import re
+import socket
+import struct
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from ronnaplan.node import page as page_module
 from ronnaplan.node.index import Index
 from ronnaplan.node.logs import Log
 from ronnaplan.node.page import Page
-from tests.node.peers import configuration
+from tests.node.peers import configuration, until
 from tests.node.test_series import facts
 from tests.planner.browser import looking, needs_browser
 
@@ -87,6 +91,23 @@ def test_who_has_no_token_or_comes_by_another_name_gets_nothing(page: Page, tmp_
     assert kept.read_text().strip() == page.token
     if os.name == "posix":
         assert kept.stat().st_mode & 0o077 == 0
+
+
+def test_who_asks_oddly_or_goes_before_the_answer_leaves_no_traceback(
+    page: Page, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert ask(page, f"/?token={page.token}", Host="[")[0] == 403
+    before = threading.active_count()
+    with socket.create_connection(("127.0.0.1", page.port)) as visitor:
+        visitor.sendall(b"GET /?tok")
+        visitor.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # closed by a reset
+    until(lambda: threading.active_count() <= before)
+    assert page._server.log.counts["page failed"] == 0
+    monkeypatch.setattr(page_module, "status_page", lambda *_, **__: 1 / 0)
+    with pytest.raises(http.client.RemoteDisconnected):
+        ask(page, f"/?token={page.token}")
+    until(lambda: page._server.log.counts["page failed"])
+    assert capfd.readouterr().err == ""
 
 
 def test_a_job_is_retried_from_the_page_itself_only(page: Page, tmp_path: Path) -> None:
