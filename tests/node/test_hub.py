@@ -86,10 +86,12 @@ def test_an_index_that_is_gone_or_damaged_is_told_and_costs_no_scan(tmp_path: Pa
     ):
         run_node(path, stop, Log(io.StringIO()))
     (tmp_path / "node-data" / FILE).unlink()
-    with Index(tmp_path / "node-data"):
-        pass
-    whole = (tmp_path / "node-data" / FILE).read_bytes()
-    (tmp_path / "node-data" / FILE).write_bytes(whole[: -(len(whole) // 2)].ljust(len(whole), b"\0"))
+    with Index(tmp_path / "node-data") as index:
+        page = index.value("SELECT rootpage FROM sqlite_master WHERE name = 'answers'")
+        size = index.value("PRAGMA page_size")
+    with (tmp_path / "node-data" / FILE).open("r+b") as stream:
+        stream.seek((page - 1) * size)
+        stream.write(bytes(size))
     with pytest.raises(
         InputError, match=r"cannot be used \(pages of it are damaged\); see to its disk, put it back"
     ):
