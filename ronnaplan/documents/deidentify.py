@@ -75,9 +75,11 @@ def deidentify(source: str | Path, target: str | Path, secret: bytes) -> int:
 
 
 def _require_new(folder: Path, beside: Path) -> None:
-    """Raise `InputError` where something is in the folder to fill, or where its content is made."""
+    """Raise `InputError` where a folder cannot be replaced, or what is to replace it is there."""
     if any(folder.iterdir()):
         raise InputError(f"{folder} is not empty; name a new folder, so that nothing in it is taken for made here")
+    if folder.samefile(".") or folder.is_mount():  # another folder takes its place in the end
+        raise InputError(f"{folder} is the current folder, or a disk's own; name a new folder in it")
     if beside.exists():
         raise InputError(
             f"{beside} is there: another run writes to it, or one that was ended left it; remove it, or name another "

@@ -241,6 +241,13 @@ module.deidentify({str(scan)!r}, {str(tmp_path / "out")!r}, {SECRET!r})
     assert not left.exists()
 
 
+def test_the_current_folder_is_not_replaced(scan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    with pytest.raises(InputError, match="here is the current folder, or a disk's own; name a new folder in it"):
+        deidentify(scan, ".", SECRET)
+
+
 def test_patients_without_an_id_stay_apart_and_those_with_one_go_by_it(tmp_path: Path) -> None:
     people = [("", "Doe^Jane"), ("", "Doe^John"), ("", "Doe^Jane"), ("1", "Doe^Jane"), ("1", "DOE^JANE")]
     (tmp_path / "in").mkdir()
