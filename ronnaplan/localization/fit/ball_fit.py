@@ -100,8 +100,9 @@ class BallFit:
 
     @property
     def coverage(self) -> float:
-        """Share that informed the fit of the ball's directions that hold voxels."""
-        return float(np.sum(self.verdict.state == 1) / max(int(np.sum(self.verdict.state >= 0)), 1))
+        """Share that informed the fit of the ball's directions that hold voxels, or do so near a holder's faces."""
+        of_seen = float(np.sum(self.verdict.state == 1) / max(int(np.sum(self.verdict.state >= 0)), 1))
+        return of_seen * (1.0 - self.neighbourhood.ending_share)
 
     @cached_property
     def misfit(self) -> float:

@@ -18,6 +18,7 @@ class Neighbourhood:
 
     ``slices`` (N,) are their slices' numbers; ``offsets_mm`` (N, 3); ``values_hu`` (N,); ``axes`` (3, 3) has u, v, w as
     rows in LPS. ``pixel_mm`` is the grid's, ``floors_hu`` (N,) the lowest value about the place, where scales end.
+    ``ending_share`` is the share of the directions that were left out, because what holds the ball ends in them.
     """
 
     origin_mm: FloatArray
@@ -27,6 +28,7 @@ class Neighbourhood:
     values_hu: FloatArray
     floors_hu: FloatArray
     pixel_mm: float
+    ending_share: float = 0.0
 
     def select(self, chosen: NDArray[np.bool_]) -> Neighbourhood:
         """Keep only the ``chosen`` (N,) voxels."""

@@ -28,6 +28,7 @@ from ronnaplan.localization.fit.descent import (
     residuals_and_jacobian,
 )
 from ronnaplan.localization.fit.directions import Verdict
+from ronnaplan.localization.fit.embedded import within_its_holder
 from ronnaplan.localization.fit.guess import margin_mm
 from ronnaplan.localization.fit.model import has_layer
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
@@ -74,6 +75,7 @@ def fit_ball(
     ``thickness_mm`` is the nominal slice thickness, ``ceiling_hu`` the value at which the scan clips (infinite
     where it does not).
     """
+    around = within_its_holder(around, diameter_mm, build.layer_mm)
     candidate = candidate_of(around, diameter_mm, build, thickness_mm, ceiling_hu)
     look = candidate.first_look()
     fit = _fitted(candidate, look)

@@ -162,7 +162,7 @@ def _thickness_beyond(evidence: Evidence) -> float:
 def _coverage(evidence: Evidence) -> str | None:
     fit = evidence.fit
     of_seen = evidence.verdict.round_share
-    of_all = of_seen * (1.0 - evidence.unseen)
+    of_all = of_seen * (1.0 - evidence.unseen) * (1.0 - fit.neighbourhood.ending_share)
     least = ALIKE_ROUND if evidence.is_alike else MIN_ROUND
     if of_all < least:
         unseen = f", {evidence.unseen:.0%} is outside the scan" if evidence.unseen > 0 else ""

@@ -19,7 +19,7 @@ from ronnaplan.localization.fit.parameters import WIDTH
 from ronnaplan.localization.judge.blur import Edge
 from ronnaplan.localization.judge.crossed import untold_mm2
 from ronnaplan.localization.judge.motion import Movement, movement
-from ronnaplan.localization.judge.uncertainty import center_covariance, pulled_mm2
+from ronnaplan.localization.judge.uncertainty import center_covariance, near_faces_mm2, pulled_mm2
 from ronnaplan.localization.search.look import held_by
 
 RAGGED, ALIKE_MISFIT = 0.03, 1.25
@@ -82,7 +82,7 @@ class Evidence:
         clear_mm = fit.diameter_mm / 2.0 + margin_mm(float(fit.theta[WIDTH]), fit.sigma_mm)
         axis, is_metal = held_by(self.volume, fit.center_mm, left_out, clear_mm, fit.ceiling_hu)
         pull_mm2 = pulled_mm2(fit, axis, is_metal=is_metal or fit.may_be_metal)
-        pull_mm2 = pull_mm2 + untold_mm2(self.volume, fit)
+        pull_mm2 = pull_mm2 + untold_mm2(self.volume, fit) + near_faces_mm2(fit)
         return center_covariance(fit, self.movement, pull_mm2, self.excess_mm)
 
     @cached_property

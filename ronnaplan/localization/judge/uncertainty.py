@@ -66,6 +66,10 @@ mm^2. Fitted by `scripts/fit_uncertainty` to the errors on simulated patients an
 scanners that were left out. But for ``odd``: what a head that moves along a line in a turn adds to the third harmonic
 is as much as it moves the center from its mean place."""
 
+FACE_PULL_MM = 0.01
+"""Standard error along each axis of a ball that is embedded near a face: where rays run along the face, cells that see
+both sides of it add up what they receive, and streak beside it. 8 to 15 um were left across a plate, 9 um along it."""
+
 SCREW_PULL_MM, SCREW_PULL_WIDTH = 0.012, 0.004
 """Standard error along a post that a screw holds, and of a ball that is metal itself: a constant, and a share of the
 slice profile's width. A screw weakens the beam more than in proportion, so that the post seems to reach elsewhere, and
@@ -137,6 +141,12 @@ def pulled_mm2(fit: BallFit, axis: FloatArray, *, is_metal: bool) -> FloatArray:
     left_mm = STILL_HARDENED * fit.made_good_mm
     left: FloatArray = STILL_PULLED**2 * pull_mm2 + np.outer(left_mm, left_mm)
     return left
+
+
+def near_faces_mm2(fit: BallFit) -> FloatArray:
+    """Covariance (3, 3), mm^2, by the faces of what a ball is embedded in, where they are near."""
+    pull_mm = FACE_PULL_MM if fit.neighbourhood.ending_share > 0.0 else 0.0
+    return pull_mm**2 * np.eye(3)
 
 
 def sources(fit: BallFit, moved: Movement) -> dict[str, FloatArray]:

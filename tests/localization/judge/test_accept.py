@@ -80,6 +80,14 @@ def test_a_fit_without_any_surface_is_turned_down_in_finite_words(fit: BallFit) 
     assert TESTS["roundness"](evidence(unused)) == "nothing of its surface can be used"
 
 
+def test_directions_left_out_where_a_holder_ends_are_no_spheres(fit: BallFit) -> None:
+    near_faces = replace(fit.neighbourhood, ending_share=0.3)
+    mostly_round = replace(fit, verdict=round_in(fit.verdict, 0.81))
+    assert TESTS["coverage"](evidence(mostly_round)) is None
+    reason = TESTS["coverage"](evidence(replace(mostly_round, neighbourhood=near_faces)))
+    assert reason == "only 56% of its surface is a sphere's, 58% expected"
+
+
 def test_what_is_attached_to_more_than_a_post_leaves_a_round_rest(fit: BallFit) -> None:
     on_skin = replace(round_in(fit.verdict, 0.85), attached_share=0.12)
     assert TESTS["free"](evidence(replace(fit, verdict=on_skin))) is None
