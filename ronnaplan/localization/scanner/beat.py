@@ -27,6 +27,10 @@ LEAST_SHARE, LEAST_AMPLITUDE, CHANCE = 0.4, 0.08, 1e-4
 and comes no oftener by chance (R. Fisher, Proc. R. Soc. A 125:54, 1929): 0.6 and more, and 0.1 to 0.3, where slices
 were computed at 0.5 to 1.5 of their distance; in what was scanned as it is 0.25 and 0.05 at most."""
 
+MOST_AMPLITUDE = 0.5
+"""What two slices are mixed to has half of their noise's variance at least, so that its logarithm goes up and down by
+0.35 (waves of 0.24 to 0.37 were seen). A higher wave is that of streaks, which some slices show and others do not."""
+
 SOFT_HU = (-300.0, 500.0)
 """Noise is looked at in soft tissue: air may be cut off, and bone is all edges."""
 
@@ -63,7 +67,7 @@ def noise_beats(volume: CTVolume) -> bool:
     explained = _explained(left[told], told)
     share, highest = explained / square, float(np.sqrt(2.0 * explained / len(told)))
     is_chance = len(told) / 2.0 * max(1.0 - share, 0.0) ** ((len(told) - OF_A_WAVE) / 2.0) > CHANCE
-    return share > LEAST_SHARE and highest > LEAST_AMPLITUDE and not is_chance
+    return share > LEAST_SHARE and LEAST_AMPLITUDE < highest < MOST_AMPLITUDE and not is_chance
 
 
 def _explained(values: FloatArray, places: NDArray[np.intp]) -> float:
