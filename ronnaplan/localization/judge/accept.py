@@ -112,7 +112,9 @@ def _stayed(evidence: Evidence) -> str | None:
 def _contrast(evidence: Evidence) -> str | None:
     contrast = evidence.fit.contrast_hu
     if contrast >= MAX_CONTRAST_HU:  # what is larger than it should be, and clipped, looks ever brighter instead
-        return f"contrast {contrast:.0f} HU, below {MAX_CONTRAST_HU:.0f} expected"
+        return (
+            f"contrast {MAX_CONTRAST_HU:.0f} HU or more: it is larger than stated, or absorbs more than steel does"
+        )
     if evidence.fit.is_clipped:
         floor_hu = float(evidence.fit.neighbourhood.floors_hu.min())
         if evidence.fit.theta[BACKGROUND] <= floor_hu and floor_hu > NO_AIR_HU:
