@@ -45,12 +45,13 @@ def read_ndi(path: Path) -> Recording:
     """Read an NDI ``path``: tool poses, and every marker with its status.
 
     Markers that belong to a tool are labelled ``<tool>:<n>``; stray markers have no label. Raises `InputError`
-    without poses or markers.
+    without poses or markers, and where a quaternion's scalar does not come first.
     """
     header, rows, delimiter = read_rows(path)
     if not is_ndi(header):
         raise InputError(f"{path} has columns {', '.join(header[:8])}; expected NDI's Q0..Tz or State, Tx, Ty, Tz")
     layout = _layout(header)
+    _require_scalar_first(path, layout, header)
     points: list[PointReading] = []
     tools: list[ToolReading] = []
     for index, row in enumerate(rows):
@@ -146,6 +147,16 @@ def _owner(header: list[str], poses: list[int], start: int) -> int:
     owner = max((i for i, pose in enumerate(poses) if pose < start), default=-1)
     after = poses[owner] if owner >= 0 else 0
     return -1 if any("stray" in name for name in header[after:start]) else owner
+
+
+def _require_scalar_first(path: Path, layout: _Layout, header: list[str]) -> None:
+    """Raise `InputError` for a place behind a quaternion in another order: it would be taken for a marker."""
+    for start, _ in layout.markers:
+        before = header[max(start - 4, 0) : start]
+        if start > 0 and before[-1] in QUATERNION:
+            raise InputError(
+                f"{path} has the columns {', '.join(before)} before a tool's tx; expected q0, qx, qy, qz in this order"
+            )
 
 
 def _require_columns(path: Path, layout: _Layout, header: list[str], row: list[str], index: int) -> None:

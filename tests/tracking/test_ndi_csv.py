@@ -60,3 +60,11 @@ def test_a_pose_by_euler_angles_keeps_its_place_and_its_markers_theirs(tmp_path:
 def test_decimal_commas_between_commas_are_refused(tmp_path: Path, text: str) -> None:
     with pytest.raises(InputError, match=r"row 1 below the header .* decimal comma"):
         read_recording(written(tmp_path, "commas.csv", text))
+
+
+def test_a_quaternion_whose_scalar_comes_last_is_refused(tmp_path: Path) -> None:
+    """The tool was read as a marker whose state is the scalar."""
+    path = tmp_path / "tool.csv"
+    path.write_text("Frame,State,Qx,Qy,Qz,Q0,Tx,Ty,Tz\n1,OK,0,0,0.6,0.8,1,2,3\n")
+    with pytest.raises(InputError, match="qx, qy, qz, q0 before a tool's tx; expected q0, qx, qy, qz"):
+        read_recording(path)
