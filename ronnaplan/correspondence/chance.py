@@ -47,6 +47,52 @@ class Densities:
 
 
 @dataclass(frozen=True, eq=False)
+class Claims:
+    """The ``odds`` (L,) that points ``i`` and ``j`` (L,) near each other under a pose are a pair of its body.
+
+    ``counts``: of the CT and the OTS points.
+    """
+
+    i: IntArray
+    j: IntArray
+    odds: FloatArray
+    counts: tuple[int, int]
+
+    def point_probabilities(self, other: Claims | None = None) -> FloatArray:
+        """Return the probability of each point that it is of the body, whichever of its neighbours it pairs with.
+
+        Of points that compete those of the set in which they are fewer: no two of a set have one partner.  What an
+        ``other`` body claims is of one of the two: a pair is this body's against all that the other does with its
+        points.
+        """
+        n, m = self.counts
+        i, j, odds = self.i, self.j + n, self.odds
+        if other is not None:
+            odds = odds / other.at_points_of(self)
+        sums = np.bincount(i, odds, n + m) + np.bincount(j, odds, n + m)
+        probabilities = sums / (1.0 + sums)
+        compete = odds > LEAST_ODDS
+        cluster = connected(i[compete], j[compete], n + m)
+        of_ct = np.bincount(cluster[:n], probabilities[:n], n + m)
+        of_ots = np.bincount(cluster[n:], probabilities[n:], n + m)
+        is_ct = np.arange(n + m) < n
+        return np.asarray(probabilities[is_ct == (of_ct <= of_ots)[cluster]])
+
+    def at_points_of(self, other: Claims) -> FloatArray:
+        """Return the odds of whatever the body does with the two points of each pair (L,) of an ``other``, or nothing.
+
+        It pairs them with each other, one of them or each of them with others, or none.
+        """
+        n, m = self.counts
+        of_ct, of_ots = np.bincount(self.i, self.odds, n)[other.i], np.bincount(self.j, self.odds, m)[other.j]
+        place, ends = self.i * m + self.j, other.i * m + other.j
+        order = np.argsort(place)
+        at = order[np.minimum(np.searchsorted(place, ends, sorter=order), len(order) - 1)]
+        both = np.where(place[at] == ends, self.odds[at], 0.0)
+        return np.asarray(1.0 + both + (of_ct - both) + (of_ots - both) + (of_ct - both) * (of_ots - both))
+
+
+@dataclass(frozen=True, eq=False)
 class Chance:
     """What tells the pairs of a problem's poses from chance: how dense its points lie, the same under every pose."""
 
@@ -63,22 +109,10 @@ class Chance:
         """Return the probability of each pair of a pose (3, 4), against outliers that meet and its neighbours."""
         return self._meetings(matrix, partner)[2][partner >= 0]
 
-    def point_probabilities(self, matrix: FloatArray, partner: IntArray) -> FloatArray:
-        """Return the probability of each point that it is of a pose's body, whichever of its neighbours it pairs with.
-
-        Of points that compete those of the set in which they are fewer: no two of a set have one partner.
-        """
+    def claims(self, matrix: FloatArray, partner: IntArray) -> Claims:
+        """Return which points a pose pairs, each with any of its neighbours."""
         i, j, _, odds = self._meetings(matrix, partner)
-        n, m = self.problem.counts
-        j = j + n
-        sums = np.bincount(i, odds, n + m) + np.bincount(j, odds, n + m)
-        probabilities = sums / (1.0 + sums)
-        compete = odds > LEAST_ODDS
-        cluster = connected(i[compete], j[compete], n + m)
-        of_ct = np.bincount(cluster[:n], probabilities[:n], n + m)
-        of_ots = np.bincount(cluster[n:], probabilities[n:], n + m)
-        is_ct = np.arange(n + m) < n
-        return np.asarray(probabilities[is_ct == (of_ct <= of_ots)[cluster]])
+        return Claims(i.astype(np.int64), j.astype(np.int64), odds, self.problem.counts)
 
     @cached_property
     def _tree(self) -> cKDTree:

@@ -44,6 +44,11 @@ class ErrorModel:
         covariances = None if self.covariances is None else scale**2 * self.covariances
         return ErrorModel(scale**2 * self.variances, covariances)
 
+    def of(self, points: IntArray) -> ErrorModel:
+        """Return the errors of some of the points."""
+        covariances = None if self.covariances is None else self.covariances[points]
+        return ErrorModel(self.variances[points], covariances)
+
     def mirrored(self) -> ErrorModel:
         """Return the errors of the points' mirror image."""
         covariances = None if self.covariances is None else self.covariances * np.outer(MIRROR, MIRROR)

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ronnaplan.correspondence.bodies import odds_of_bodies, odds_of_body_beside, odds_of_rivals, poses_beside
 from ronnaplan.correspondence.chance import Chance
-from ronnaplan.correspondence.evidence import LEAST_OFF_LINE, SCALES, fits_as_well, off_one_line
-from ronnaplan.correspondence.exact import in_volume, search
+from ronnaplan.correspondence.evidence import LEAST_OFF_LINE, SCALES, off_one_line
 from ronnaplan.correspondence.lookup import point_grid
 from ronnaplan.correspondence.pairing import (
     LEFT_HANDED,
@@ -20,13 +20,12 @@ from ronnaplan.correspondence.pairing import (
     Rival,
     no_pairs,
 )
-from ronnaplan.correspondence.poses import SUCCESS_SIZES, Found, find_poses, weighed_anew, work_allowed
-from ronnaplan.correspondence.priors import size_priors
+from ronnaplan.correspondence.poses import Found, find_poses, weighed_with, work_allowed
 from ronnaplan.correspondence.problem import Problem, moved_pairs, pairs_of
 from ronnaplan.correspondence.refining import PAIR_SIGMAS, refined
-from ronnaplan.correspondence.rivals import LOG_ODDS_OF_MIRROR, LOG_ODDS_PER_PAIR
-from ronnaplan.correspondence.told import LEAST_PAIRS, Told
-from ronnaplan.correspondence.weighing import Pose, alike, pose_evidence
+from ronnaplan.correspondence.rivals import LOG_ODDS_OF_MIRROR
+from ronnaplan.correspondence.told import LEAST_PAIRS
+from ronnaplan.correspondence.weighing import Pose, pose_evidence
 from ronnaplan.geometry import FloatArray
 
 MISSED_SHARE = 0.1
@@ -55,13 +54,6 @@ MORE_IF_MIRRORED = 1.5
 """Right pairs that a mirror image has to have more. That of flat markers has as many, but for those of which noise and
 outliers decide: more than this in 8 of 769 scenes of 20 to 200 markers, half of them the densest."""
 
-LIKELY_PAIR = 0.5
-"""Pairs of the best pose that are more probable than not are none of a body beside it."""
-
-BESIDE_CHI2, FEWER_BESIDE, MOST_BESIDE = 12.0, 2, 1600
-"""A body beside the best pose's is sought by distances that agree within 3.5 standard deviations, where it has at most
-so many pairs fewer (three make odds of 1 %), and there are up to so many possible pairs: 40 points of either set."""
-
 
 def match_large(problem: Problem, least_probability: float) -> Pairing:
     """Match sets too large to list every pairing of.
@@ -76,33 +68,43 @@ def match_large(problem: Problem, least_probability: float) -> Pairing:
     kept_back = MIRROR_SHARE * work_allowed(problem)
     found = find_poses(problem, acceptable, work_done=kept_back)
     scale = scale_of_errors(found.chance, found.poses[0]) if found.poses else 1.0
+    views = [found]
     if scale > DOUBTED_SCALE:
-        larger = problem.with_errors(scale)
-        wider = find_poses(larger, acceptable, work_done=found.work, before=found.poses)
-        if scale > LEAST_SCALE:
-            problem, found = larger, wider
-        else:
-            found = replace(found, poses=weighed_anew(problem, [*found.poses, *wider.poses]), work=wider.work)
-    best = found.poses[0] if found.poses else None
-    of_pairs = np.zeros(0) if best is None else found.chance.pair_probabilities(best.matrix, best.partner)
-    answer = weighed(problem, found, of_pairs, least_probability)
+        larger = find_poses(problem.with_errors(scale), acceptable, work_done=found.work, before=found.poses)
+        views = [larger] if scale > LEAST_SCALE else [weighed_with(found, larger.poses), larger]
+    answer, of_pairs = weighed(views, least_probability)
+    if answer.status == "unique":
+        beside = poses_beside(views[-1], views[0].poses[0], of_pairs, acceptable)
+        answer, of_pairs = weighed([weighed_with(view, beside) for view in views], least_probability)
     # What is given has its mirror image looked for as thoroughly; a refusal only gets its reason from it.
     work_done = 0.0 if answer.status == "unique" else work_allowed(problem) - kept_back
-    if is_mirrored(problem, best, float(of_pairs.sum()), work_done):
-        return Pairing("unmatched", no_pairs(), answer.probability, rivals_of(found.poses), LEFT_HANDED)
+    best = next(iter(views[0].poses), None)
+    if is_mirrored(views[0].chance.problem, best, float(of_pairs.sum()), work_done):
+        return Pairing("unmatched", no_pairs(), answer.probability, rivals_of(views[0].poses), LEFT_HANDED)
     return answer
 
 
-def weighed(problem: Problem, found: Found, of_pairs: FloatArray, least_probability: float) -> Pairing:
-    """Return the pairs of the best pose that was found, or the reason why they are not given.
+def weighed(views: list[Found], least_probability: float) -> tuple[Pairing, FloatArray]:
+    """Return the pairs of the best pose, or the reason why they are not given, and the probability of each.
 
-    ``of_pairs`` are their probabilities.
+    ``views``: what was found, weighed with the errors that are taken for true, and with those that are doubted.
     """
+    found = views[0]
     if not found.poses:
-        return Pairing("unmatched", no_pairs(), 0.0, reason=nothing_found(found))
+        return Pairing("unmatched", no_pairs(), 0.0, reason=nothing_found(found)), np.zeros(0)
     best = found.poses[0]
-    rivals = rivals_of(found.poses)
-    others, beside = odds_of_rivals(found), odds_of_body_beside(problem, found.poses, of_pairs)
+    of_pairs = found.chance.pair_probabilities(best.matrix, best.partner)
+    others = max(odds_of_rivals(found), *(odds_of_bodies(view, best) for view in views))
+    return decided(found, others, of_pairs, least_probability), of_pairs
+
+
+def decided(found: Found, others: float, of_pairs: FloatArray, least_probability: float) -> Pairing:
+    """Return the pairs of the best pose, or the reason why they are not given.
+
+    ``of_pairs`` are their probabilities, ``others`` the odds of the other poses to the best.
+    """
+    problem, best, rivals = found.chance.problem, found.poses[0], rivals_of(found.poses)
+    beside = odds_of_body_beside(problem, found.poses, of_pairs)
     by_chance = math.exp(min(-best.log_evidence, 700.0))
     probability = 1.0 / (1.0 + others + beside + found.missed + by_chance)
     if probability < least_probability and beside > max(others, found.missed, by_chance):
@@ -142,40 +144,6 @@ def odds_of_turn(problem: Problem, given: IntArray) -> float:
     of_all = pose_evidence(problem, partner)[1]
     partner[given[off, 0]] = -1
     return math.exp(min(of_all - pose_evidence(problem, partner)[1], 700.0))
-
-
-def odds_of_body_beside(problem: Problem, poses: list[Pose], of_pairs: FloatArray) -> float:
-    """Return the odds that the patient is not the best pose's pairs but a body that was missed, among what they leave.
-
-    ``of_pairs`` are the pairs' probabilities. Few triangles lead to the pose of a small thin body (a plate, a row), so
-    that it may have been missed; it is sought by its distances alone. 0 beside bodies that are large enough for the
-    search for poses to be sure of their equals, where a pair is known, which the patient holds, for a body that
-    was not missed: it is weighed as a rival, by its points; and where all pairs are doubtful, as of points that stand
-    twice: what is left is the same body.
-    """
-    taken, size = poses[0].pairs[of_pairs >= LIKELY_PAIR], float(of_pairs.sum())
-    i, j = (np.setdiff1d(np.arange(count), taken[:, axis]) for axis, count in enumerate(problem.counts))
-    least = max(round(size) - FEWER_BESIDE, LEAST_PAIRS)
-    small = len(taken) >= LEAST_PAIRS and size < SUCCESS_SIZES[0] and len(problem.known) == 0
-    if not small or min(len(i), len(j)) < least or len(i) * len(j) > MOST_BESIDE:
-        return 0.0
-    constants, background = size_priors((len(i), len(j)), Told())
-    constants = in_volume(constants, problem.volume_mm3)
-    constants[:least] = -math.inf
-    weight, value = (pairs[np.ix_(i, j)] for pairs in problem.pair_weights())
-    log_evidence, _, partners, _ = search(
-        problem.ct[i], problem.ots[j], weight, value, constants, no_pairs(), math.inf, 1.0, background, BESIDE_CHI2
-    )
-    if len(log_evidence) == 0:
-        return 0.0
-    top = int(log_evidence.argmax())
-    body = np.full(problem.counts[0], -1)
-    paired = partners[top] >= 0
-    body[i[paired]] = j[partners[top][paired]]
-    if len(alike(poses[1:], body)):
-        return 0.0
-    real = 1.0 / (1.0 + math.exp(min(background - log_evidence[top], 700.0)))
-    return real * math.exp(LOG_ODDS_PER_PAIR * (int(paired.sum()) - size))
 
 
 def rivals_of(poses: list[Pose]) -> tuple[Rival, ...]:
@@ -218,48 +186,6 @@ def nothing_found(found: Found) -> str:
     if found.complete:
         return reason
     return f"{reason}; the search was given up before poses of fewer than {found.least_sure} pairs were sure to be seen"
-
-
-def odds_of_rivals(found: Found) -> float:
-    """Return the odds of the poses that were found to the best of them."""
-    best, *others = found.poses
-    of_best = found.chance.point_probabilities(best.matrix, best.partner) if others else np.zeros(0)
-    return sum(rival_odds(found.chance, best, of_best, pose) for pose in others)
-
-
-def rival_odds(chance: Chance, best: Pose, of_best: FloatArray, rival: Pose) -> float:
-    """Return the odds of a rival pose to the best, of whose body points are with the probabilities ``of_best``.
-
-    Two poses explain the same points by their evidence.  But where the rival pairs points that the best leaves,
-    and more of them than chance would, both sets hold two rigid bodies, and evidence does not tell which of them
-    is the patient: the larger is, by `LOG_ODDS_PER_PAIR` for each point more.  The same goes for a rival that pairs
-    the same points otherwise and fits as well: they are regular (a lattice, a circle), and of so many points the
-    noise alone makes evidences differ by many nats.
-    """
-    by_evidence = math.exp(min(rival.log_evidence - best.log_evidence, 0.0))
-    by_size = odds_by_size(of_best, chance.point_probabilities(rival.matrix, rival.partner))
-    if fits_as_well(best.chi2, len(best.pairs), rival.chi2, len(rival.pairs)):
-        return max(by_evidence, by_size)
-    pairs = best.pairs
-    rest = np.where(np.isin(np.arange(len(rival.partner)), pairs[:, 0]), -1, rival.partner)
-    rest = np.where(np.isin(rest, pairs[:, 1]), -1, rest)
-    if (rest >= 0).sum() < LEAST_PAIRS:
-        return by_evidence
-    alone = pose_evidence(chance.problem, rest, len(pairs))[1]
-    real = 1.0 / (1.0 + math.exp(min(-alone, 700.0)))
-    return max(by_evidence, real * by_size)
-
-
-def odds_by_size(of_best: FloatArray, of_rival: FloatArray) -> float:
-    """Return the odds of a body to the best by the number of its points, which are its own with ``of_rival`` (L,).
-
-    `LOG_ODDS_PER_PAIR` for each more, averaged over which points are a body's own: by their expected numbers alone one
-    of two equal bodies would be taken where a few of the other's points are doubtful.  Points count, not pairs: where a
-    body is so dense that its points have several neighbours, each of its pairs is doubtful, but not how many there are.
-    """
-    more = math.exp(LOG_ODDS_PER_PAIR)
-    log_odds = np.log1p(of_rival * (more - 1.0)).sum() + np.log1p(of_best * (1.0 / more - 1.0)).sum()
-    return math.exp(min(float(log_odds), 0.0))
 
 
 def is_mirrored(problem: Problem, best: Pose | None, of_best: float, work_done: float) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -19,7 +19,7 @@ from ronnaplan.correspondence.lookup import Grid, Table, distance_table, point_g
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.problem import Problem
 from ronnaplan.correspondence.refining import REFINING_SIGMAS, refined
-from ronnaplan.correspondence.seeds import MOST_TRIANGLES, poses_of_seeds, seed_stream
+from ronnaplan.correspondence.seeds import MOST_TRIANGLES, first_in_order, poses_of_seeds, seed_stream
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.correspondence.trials import REACH_SIGMAS, STOPPED, WIDEST_REACH_SIGMAS
 from ronnaplan.correspondence.weighing import Pose, add_pose
@@ -99,13 +99,16 @@ class Search:
     needed: tuple[int, int]
     chance: float
     every: bool
+    success: tuple[float, float]
+    """Share of the triangles within a body of `SUCCESS_SIZES` that lead to its pose."""
 
     @classmethod
-    def of(cls, problem: Problem, every: bool) -> Search:
-        """Return the search in which ``every`` seed is drawn, or only some."""
+    def of(cls, problem: Problem, every: bool, success: tuple[float, float] | None = None) -> Search:
+        """Return the search in which ``every`` seed is drawn, or only some; ``success``: if not `SEED_SUCCESS`."""
         grid = point_grid(problem.ots, problem.sigma_mm, WIDEST_REACH_SIGMAS * problem.sigma_mm)
         chance = chance_of_hit(problem)
-        return cls(problem, grid, needed_hits(len(problem.ct) - 3, chance, every), chance, every)
+        needed = needed_hits(len(problem.ct) - 3, chance, every)
+        return cls(problem, grid, needed, chance, every, success or SEED_SUCCESS[every])
 
     @cached_property
     def table(self) -> Table:
@@ -124,7 +127,7 @@ class Search:
         C(size, 3) of them; one is found out where enough of the points tried are of the body.
         """
         size = np.asarray(sizes, dtype=np.float64)
-        success = np.interp(size, SUCCESS_SIZES, SEED_SUCCESS[self.every])
+        success = np.interp(size, SUCCESS_SIZES, self.success)
         found_out = drawn * success * self.passes(size)
         return np.asarray((1.0 - found_out) ** comb(size, 3))
 
@@ -165,16 +168,16 @@ def find_poses(
     least_size: int = 0,
     work_done: float = 0.0,
     before: Sequence[Pose] = (),
+    success: tuple[float, float] | None = None,
 ) -> Found:
     """Return the poses that pair more points than chance would, those found ``before`` with other errors among them.
 
     Seeds are drawn until a pose with as many right pairs as the best, and with ``least_size``, is missed with at most
     the ``acceptable`` probability, or the work allowed, less the ``work_done`` before, is done.  They are triangles
-    drawn alike from all of the CT points', so that any body is found, compact or wide.
+    drawn alike from all of the CT points', so that any body is found, compact or wide.  ``success``: see `Search`.
     """
     triangles = math.comb(len(problem.ct), 3)
-    every = triangles <= MOST_TRIANGLES
-    search = Search.of(problem, every)
+    search = Search.of(problem, triangles <= MOST_TRIANGLES, success)
     rng = np.random.default_rng(len(problem.ct) * 10_007 + len(problem.ots))
     work_left = work_allowed(problem) - work_done
     poses = refined_poses(search, before)
@@ -203,25 +206,18 @@ def find_poses(
     return Found(poses, missed, done >= triangles, sure, work_allowed(problem) - work_left, chance)
 
 
-def first_in_order(values: FloatArray, most: int) -> IntArray:
-    """Return where in each row of ``values`` (R, N) the smallest are, up to so many, by size."""
-    if 4 * most < values.shape[1]:
-        smallest = np.argpartition(values, most, axis=1)[:, :most]
-        order = np.argsort(np.take_along_axis(values, smallest, axis=1), axis=1)
-        return np.ascontiguousarray(np.take_along_axis(smallest, order, axis=1))
-    return np.ascontiguousarray(np.argsort(values, axis=1)[:, :most])  # one layout: compiled once
-
-
-def weighed_anew(problem: Problem, poses: Sequence[Pose]) -> list[Pose]:
-    """Return poses that were found with other errors, refined and weighed with those of a problem, best first."""
-    anew = refined_poses(Search.of(problem, every=False), poses)
-    return sorted(anew, key=lambda pose: -pose.log_evidence)
+def weighed_with(found: Found, poses: Sequence[Pose]) -> Found:
+    """Return what was found with more ``poses``, which were found with other errors or among some points only."""
+    if not poses:
+        return found
+    anew = refined_poses(Search.of(found.chance.problem, every=False), [*found.poses, *poses])
+    return replace(found, poses=sorted(anew, key=lambda pose: -pose.log_evidence))
 
 
 def refined_poses(search: Search, poses: Sequence[Pose]) -> list[Pose]:
     """Return the distinct ones of ``poses`` that were found with other errors, refined with the search's."""
     anew: list[Pose] = []
-    for pose in refine(search, np.array([pose.matrix for pose in poses]).reshape(-1, 3, 4)):
+    for pose in refine(search, np.array([pose.matrix for pose in poses]).reshape(-1, 3, 4), 1):
         add_pose(anew, pose)
     return anew
 
@@ -249,7 +245,11 @@ def looked_up(
             table, problem.sigma_mm, search.sides_chi2, known, most_work / PARTS,
         )  # fmt: skip
         found = matrices[hits > 0]
-        return refine(search, found), work + REFINING_WORK * len(problem.ct) * len(found), finished
+        return (
+            refine(search, found, max(search.needed[1], 1)),
+            work + REFINING_WORK * len(problem.ct) * len(found),
+            finished,
+        )
 
     # Few seeds may be costly: among 1,000 dense points one takes 40 ms.
     run = pool.map if len(seeds) > LEAST_BATCH or most_work > LEAST_SHARED_WORK else map
@@ -286,11 +286,14 @@ def needed_hits(rest: int, chance: float, every: bool) -> tuple[int, int]:
     return max(first, least), max(all_points, least)
 
 
-def refine(search: Search, matrices: FloatArray) -> list[Pose]:
-    """Fit poses (K, 3, 4) to all pairs that they make, repeatedly; those of too few, or that break a known one, go."""
+def refine(search: Search, matrices: FloatArray, needed: int) -> list[Pose]:
+    """Fit poses (K, 3, 4) to all pairs that they make, repeatedly; those that break a known one go.
+
+    So do those that make fewer than ``needed`` besides a seed's.
+    """
     problem = search.problem
     reaches = np.array(REFINING_SIGMAS) * problem.sigma_mm
     matrices, partners = refined(problem.ct, problem.ots, search.grid, matrices, reaches)
-    enough = (partners >= 0).sum(axis=1) >= min(LEAST_PAIRS + max(search.needed[1], 1), len(problem.ct))
+    enough = (partners >= 0).sum(axis=1) >= min(LEAST_PAIRS + needed, len(problem.ct))
     holds = (partners[:, problem.known[:, 0]] == problem.known[:, 1]).all(axis=1)
     return [Pose.weighed(problem, matrices[k], partners[k]) for k in np.flatnonzero(enough & holds)]

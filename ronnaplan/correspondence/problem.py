@@ -85,6 +85,18 @@ class Problem:
         """Return the problem with the CT's mirror image."""
         return replace(self, ct=self.ct * MIRROR, ct_errors=self.ct_errors.mirrored())
 
+    def only(self, i: IntArray, j: IntArray) -> Problem:
+        """Return the problem of the CT points ``i`` and the OTS points ``j`` alone, of which nothing is told."""
+        return replace(
+            self,
+            ct=self.ct[i],
+            ots=self.ots[j],
+            ct_errors=self.ct_errors.of(i),
+            ots_errors=self.ots_errors.of(j),
+            told=Told(),
+            known=np.zeros((0, 2), dtype=np.int64),
+        )
+
     def with_errors(self, scale: float) -> Problem:
         """Return the problem with errors so many times as large."""
         return replace(self, ct_errors=self.ct_errors.scaled(scale), ots_errors=self.ots_errors.scaled(scale))

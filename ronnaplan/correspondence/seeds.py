@@ -58,6 +58,15 @@ def all_triangles(count: int) -> IntArray:
     return np.array(list(combinations(range(count), 3)), dtype=np.int64).reshape(-1, 3)
 
 
+def first_in_order(values: FloatArray, most: int) -> IntArray:
+    """Return where in each row of ``values`` (R, N) the smallest are, up to so many, by size."""
+    if 4 * most < values.shape[1]:
+        smallest = np.argpartition(values, most, axis=1)[:, :most]
+        order = np.argsort(np.take_along_axis(values, smallest, axis=1), axis=1)
+        return np.ascontiguousarray(np.take_along_axis(smallest, order, axis=1))
+    return np.ascontiguousarray(np.argsort(values, axis=1)[:, :most])  # one layout: compiled once
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def triangle_frame(points: FloatArray, a: int, b: int, c: int, frame: FloatArray) -> None:
     """Enter (3, 4) the right-handed axes (columns) of a triangle, the first along its first side, and its centroid."""

@@ -68,10 +68,23 @@ def bodies(
     """
     rng = np.random.default_rng(seed)
     parts = [ball(rng, count, radius) for count, radius in zip(counts, radii, strict=True)]
+    return apart(rng, parts, outliers, field)
+
+
+def apart(
+    rng: np.random.Generator,
+    parts: Sequence[FloatArray],
+    outliers: int,
+    field: float,
+    errors: float | FloatArray = 1.0,
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """CT points, OTS points, and the true partners, of bodies (N, 3) of which all but the first moved."""
     moved = [Rotation.from_quat(rng.normal(size=4)).apply(part) + rng.uniform(-80, 80, 3) for part in parts[1:]]
     ct_true, ots_true = np.vstack(parts), np.vstack([parts[0], *moved])
-    ct = np.vstack((ct_true + SIGMA_CT * rng.normal(size=ct_true.shape), ball(rng, outliers, field)))
-    ots = np.vstack((ots_true + SIGMA_OTS * rng.normal(size=ots_true.shape), ball(rng, outliers, field)))
+    ct, ots = (
+        np.vstack((true + errors * sigma * rng.normal(size=true.shape), ball(rng, outliers, field)))
+        for true, sigma in ((ct_true, SIGMA_CT), (ots_true, SIGMA_OTS))
+    )
     order = rng.permutation(len(ots))
-    partner = np.where(np.arange(len(ct)) < sum(counts), np.argsort(order), -1)
+    partner = np.where(np.arange(len(ct)) < len(ct_true), np.argsort(order), -1)
     return ct, Rotation.from_quat(rng.normal(size=4)).apply(ots[order]) + 500.0, partner

@@ -1,6 +1,5 @@
 """Sets of many points are paired by their poses, whatever else lies about them."""
 
-import itertools
 from typing import Any
 
 import numpy as np
@@ -8,11 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.correspondence import match_points
-from ronnaplan.correspondence.large import odds_by_size, odds_of_body_beside
-from ronnaplan.correspondence.poses import find_poses
-from ronnaplan.correspondence.rivals import LOG_ODDS_PER_PAIR
 from tests.correspondence.scenes import SIGMA_CT, SIGMA_OTS, ball, bodies, scene
-from tests.correspondence.test_poses import problem_of
 
 
 def cloud(seed: int, markers: int, outliers: int, radius: float = 300.0) -> Any:
@@ -216,18 +211,6 @@ def test_a_reading_that_errs_without_measure_is_left_out_and_no_other(markers: i
     assert set(range(markers)) - set(pairing.pairs[:, 0].tolist()) == {3}
 
 
-def test_doubtful_points_make_no_body_the_smaller_for_sure() -> None:
-    """By brute force over which points are of their body; what is certain counts as it did, three more for 0.99."""
-    of_best, of_rival = np.array([1.0, 0.9, 0.6]), np.array([0.7, 0.2])
-    odds = 0.0
-    for right in itertools.product((0, 1), repeat=5):
-        chance = np.where(right, np.r_[of_best, of_rival], 1.0 - np.r_[of_best, of_rival]).prod()
-        odds += chance * np.exp(LOG_ODDS_PER_PAIR * (sum(right[3:]) - sum(right[:3])))
-    assert odds_by_size(of_best, of_rival) == pytest.approx(odds)
-    assert odds_by_size(np.ones(20), np.ones(17)) == pytest.approx(np.exp(-3.0 * LOG_ODDS_PER_PAIR))
-    assert odds_by_size(np.ones(17), np.ones(20)) == 1.0
-
-
 def test_markers_are_found_among_four_times_as_many_outliers_that_are_denser() -> None:
     """Most were refused: when the allowed work was done, an equal pose could still have been missed."""
     for seed in range(8):
@@ -262,16 +245,6 @@ def test_a_marker_of_many_that_moved_is_named() -> None:
             assert 1 not in pairing.pairs[:, 0]
             named += pairing.moved.tolist() == [[1, partner[1]]]
     assert named >= 36
-
-
-def test_a_body_that_was_found_is_not_weighed_once_more_by_its_pairs() -> None:
-    """As a rival its points count; by pairs, of which the larger body had doubtful ones, that one was refused."""
-    ct, ots, _ = bodies(1, [12, 11], [60.0, 60.0], 4, 120.0)
-    problem = problem_of(ct, ots)
-    found = find_poses(problem, 1e-3)
-    of_pairs = found.chance.pair_probabilities(found.poses[0].matrix, found.poses[0].partner)
-    assert odds_of_body_beside(problem, found.poses[:1], of_pairs) > 0.05
-    assert odds_of_body_beside(problem, found.poses, of_pairs) == 0.0
 
 
 @pytest.mark.parametrize("seed", [2, 12, 34])

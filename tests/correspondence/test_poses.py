@@ -9,9 +9,9 @@ import pytest
 from ronnaplan.correspondence import match_points
 from ronnaplan.correspondence.evidence import filled_volume
 from ronnaplan.correspondence.inputs import ErrorModel
-from ronnaplan.correspondence.poses import WORK_PER_POINT, WORK_POWER, Search, find_poses, first_in_order
+from ronnaplan.correspondence.poses import WORK_PER_POINT, WORK_POWER, Search, find_poses
 from ronnaplan.correspondence.problem import Problem
-from ronnaplan.correspondence.seeds import poses_of_seeds
+from ronnaplan.correspondence.seeds import first_in_order, poses_of_seeds
 from ronnaplan.correspondence.told import Told
 from ronnaplan.correspondence.trials import STOPPED, stopping_line
 from ronnaplan.geometry import FloatArray

@@ -1,0 +1,147 @@
+"""Two rigid bodies that moved against each other: one that was missed is sought, and the larger is the patient."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ronnaplan.correspondence.chance import Chance
+from ronnaplan.correspondence.evidence import fits_as_well
+from ronnaplan.correspondence.exact import in_volume, search
+from ronnaplan.correspondence.pairing import IntArray, no_pairs
+from ronnaplan.correspondence.poses import SUCCESS_SIZES, Found, find_poses, work_allowed
+from ronnaplan.correspondence.priors import size_priors
+from ronnaplan.correspondence.problem import Problem
+from ronnaplan.correspondence.rivals import LEAST_REGULAR, LOG_ODDS_PER_PAIR
+from ronnaplan.correspondence.told import LEAST_PAIRS, Told
+from ronnaplan.correspondence.weighing import Pose, alike, pose_evidence
+from ronnaplan.geometry import FloatArray
+
+LIKELY_PAIR = 0.5
+"""Pairs of the best pose that are more probable than not are none of a body beside it."""
+
+BESIDE_CHI2, FEWER_BESIDE, MOST_BESIDE = 12.0, 2, 1600
+"""A body beside the best pose's is sought by distances that agree within 3.5 standard deviations, where it has at most
+so many pairs fewer (three make odds of 1 %), and there are up to so many possible pairs: 40 points of either set."""
+
+THIN_SUCCESS = 0.01
+"""Share of a thin body's triangles that lead to its pose.  Of rows of 16 to 45 markers, 6 mm thick, none to one in a
+hundred do: most triangles are so flat that they leave the turn about the row open."""
+
+
+def points_left(problem: Problem, best: Pose, of_pairs: FloatArray) -> tuple[IntArray, IntArray, int]:
+    """Return the CT and the OTS points that are none of the best pose's, and how many pairs of theirs are a rival.
+
+    ``of_pairs`` are the probabilities of the best pose's pairs. There are no points where a pair is known, which the
+    patient holds; where there is no room for a rival; and where all pairs are doubtful, as of points that stand twice:
+    what is left is the same body.
+    """
+    taken = best.pairs[of_pairs >= LIKELY_PAIR]
+    i, j = (np.setdiff1d(np.arange(count), taken[:, axis]) for axis, count in enumerate(problem.counts))
+    least = max(round(float(of_pairs.sum())) - FEWER_BESIDE, LEAST_PAIRS)
+    if len(problem.known) or len(taken) < LEAST_PAIRS or min(len(i), len(j)) < least:
+        return i[:0], j[:0], least
+    return i, j, least
+
+
+def poses_beside(found: Found, best: Pose, of_pairs: FloatArray, acceptable: float) -> list[Pose]:
+    """Return the poses of bodies that would be rivals of the best pose among the points that it leaves.
+
+    A row, or another thin body, is missed among all points: its triangles are few, and hardly any leads to its pose.
+    Among the points that are left they are more, and so many are drawn that such a body is missed with the
+    ``acceptable`` probability, within what the search for all has left of the work allowed.
+    """
+    problem = found.chance.problem
+    i, j, least = points_left(problem, best, of_pairs)
+    if len(i) == 0:
+        return []
+    rest = problem.only(i, j)
+    work_done = max(work_allowed(rest) - work_allowed(problem) + found.work, 0.0)
+    return find_poses(rest, acceptable, least, work_done, success=(THIN_SUCCESS, THIN_SUCCESS)).poses
+
+
+def odds_of_body_beside(problem: Problem, poses: list[Pose], of_pairs: FloatArray) -> float:
+    """Return the odds that the patient is not the best pose's pairs but a body that was missed, among what they leave.
+
+    ``of_pairs`` are the pairs' probabilities. Few triangles lead to the pose of a small thin body (a plate, a row), so
+    that it may have been missed; it is sought by its distances alone. 0 beside bodies that are large enough for the
+    search for poses to be sure of their equals, where `points_left` are none, and for a body that was not missed: it
+    is weighed as a rival, by its points.
+    """
+    size = float(of_pairs.sum())
+    i, j, least = points_left(problem, poses[0], of_pairs)
+    if size >= SUCCESS_SIZES[0] or not 0 < len(i) * len(j) <= MOST_BESIDE:
+        return 0.0
+    constants, background = size_priors((len(i), len(j)), Told())
+    constants = in_volume(constants, problem.volume_mm3)
+    constants[:least] = -math.inf
+    weight, value = (pairs[np.ix_(i, j)] for pairs in problem.pair_weights())
+    log_evidence, _, partners, _ = search(
+        problem.ct[i], problem.ots[j], weight, value, constants, no_pairs(), math.inf, 1.0, background, BESIDE_CHI2
+    )
+    if len(log_evidence) == 0:
+        return 0.0
+    top = int(log_evidence.argmax())
+    body = np.full(problem.counts[0], -1)
+    paired = partners[top] >= 0
+    body[i[paired]] = j[partners[top][paired]]
+    if len(alike(poses[1:], body)):
+        return 0.0
+    real = 1.0 / (1.0 + math.exp(min(background - log_evidence[top], 700.0)))
+    return real * math.exp(LOG_ODDS_PER_PAIR * (int(paired.sum()) - size))
+
+
+def odds_of_rivals(found: Found) -> float:
+    """Return the odds of the poses that were found to the best of them, whose points they explain otherwise.
+
+    By their evidence.  But one that pairs them otherwise and fits as well has those of its size: they are regular (a
+    lattice, a circle), and of so many points the noise alone makes evidences differ by many nats.
+    """
+    best, *others = found.poses
+    total, of_best = 0.0, found.chance.claims(best.matrix, best.partner)
+    for rival in others:
+        odds, size = math.exp(min(rival.log_evidence - best.log_evidence, 0.0)), len(rival.pairs)
+        if size >= LEAST_REGULAR and fits_as_well(best.chi2, len(best.pairs), rival.chi2, size):
+            of_rival = found.chance.claims(rival.matrix, rival.partner)
+            odds = max(odds, odds_by_size(of_best.point_probabilities(), of_rival.point_probabilities()))
+        total += odds
+    return total
+
+
+def odds_of_bodies(found: Found, best: Pose) -> float:
+    """Return the odds of the bodies that were found, beside that of the ``best`` pose, to it.
+
+    ``best`` may have been weighed with other errors.
+    """
+    same = alike(found.poses, best.partner)[:1]
+    others = [pose for number, pose in enumerate(found.poses) if number not in same]
+    return sum(odds_of_body(found.chance, found.poses[int(k)], pose) for k in same for pose in others)
+
+
+def odds_of_body(chance: Chance, best: Pose, rival: Pose) -> float:
+    """Return the odds of a rival pose to the best, if it pairs points that the best leaves, and not by chance.
+
+    Then both sets hold two rigid bodies, and evidence does not tell which of them is the patient: the larger is, by
+    `LOG_ODDS_PER_PAIR` for each point more, where a point that both claim is of one of them.
+    """
+    rest = np.where(np.isin(np.arange(len(rival.partner)), best.pairs[:, 0]), -1, rival.partner)
+    rest = np.where(np.isin(rest, best.pairs[:, 1]), -1, rest)
+    if (rest >= 0).sum() < LEAST_PAIRS:
+        return 0.0
+    alone = pose_evidence(chance.problem, rest, len(best.pairs))[1]
+    real = 1.0 / (1.0 + math.exp(min(-alone, 700.0)))
+    of_best, of_rival = (chance.claims(pose.matrix, pose.partner) for pose in (best, rival))
+    return real * odds_by_size(of_best.point_probabilities(of_rival), of_rival.point_probabilities(of_best))
+
+
+def odds_by_size(of_best: FloatArray, of_rival: FloatArray) -> float:
+    """Return the odds of a body to the best by the number of its points, which are its own with ``of_rival`` (L,).
+
+    `LOG_ODDS_PER_PAIR` for each more, averaged over which points are a body's own: by their expected numbers alone one
+    of two equal bodies would be taken where a few of the other's points are doubtful.  Points count, not pairs: where a
+    body is so dense that its points have several neighbours, each of its pairs is doubtful, but not how many there are.
+    """
+    more = math.exp(LOG_ODDS_PER_PAIR)
+    log_odds = np.log1p(of_rival * (more - 1.0)).sum() + np.log1p(of_best * (1.0 / more - 1.0)).sum()
+    return math.exp(min(float(log_odds), 0.0))

@@ -1,0 +1,87 @@
+"""Two rigid bodies that moved against each other: whether the other one is found, and which is called the larger."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ronnaplan.correspondence import match_points
+from ronnaplan.correspondence.bodies import odds_by_size, odds_of_body_beside
+from ronnaplan.correspondence.chance import Claims
+from ronnaplan.correspondence.poses import Search, find_poses, refined_poses
+from ronnaplan.correspondence.rivals import LOG_ODDS_PER_PAIR
+from tests.correspondence.scenes import apart, ball, bodies
+from tests.correspondence.test_poses import problem_of
+
+
+@pytest.mark.parametrize(
+    ("seed", "in_row"), [(3, False), (40, False), (55, False), (42, True), (50, True), (85, True)]
+)
+def test_a_row_beside_the_markers_is_found_among_the_points_that_they_leave(seed: int, in_row: bool) -> None:
+    """They were accepted, with 0.9996 to 1: of a thin row hardly any triangle of all points' leads to its pose."""
+    rng, of_parts = np.random.default_rng(seed), np.random.default_rng(1000 + seed)
+    markers = of_parts.uniform(-0.5, 0.5, (16, 3)) * [110, 6, 6] if in_row else ball(of_parts, 16, 50.0)
+    row = of_parts.uniform(-0.5, 0.5, (16, 3)) * [50, 6, 6]
+    ct, ots, _ = apart(rng, [markers, row], 15, 150.0, 1.4)
+    assert match_points(ct, ots).status == "ambiguous"
+
+
+@pytest.mark.parametrize("seed", [0, 18])
+def test_a_body_whose_errors_are_larger_is_no_smaller_one(seed: int) -> None:
+    """The other was accepted at 0.997 and 0.999: with errors as stated, of this one pairs are lost."""
+    rng = np.random.default_rng(seed)
+    errors = np.repeat([1.3, 2.0], 20)[:, None]
+    ct, ots, _ = apart(rng, [ball(rng, 20, 60.0), ball(rng, 20, 60.0)], 10, 120.0, errors)
+    assert match_points(ct, ots).status == "ambiguous"
+
+
+def claims(pairs: dict[tuple[int, int], float]) -> Claims:
+    """What a body claims of ten points of either set."""
+    i, j = np.array(list(pairs)).T
+    return Claims(i, j, np.array(list(pairs.values())), (10, 10))
+
+
+def test_a_point_that_two_bodies_claim_is_of_one_of_them() -> None:
+    """All of the one's pairs counted as its own, as did those of the other's points that it brings together."""
+    own, other = claims({(0, 0): 1e4, (1, 1): 1e4}), claims({(0, 0): 1e4, (2, 2): 1e4})
+    assert own.point_probabilities().sum() == pytest.approx(2.0, abs=1e-3)
+    assert own.point_probabilities(other).sum() == pytest.approx(1.5, abs=1e-3)
+    assert other.point_probabilities(own).sum() == pytest.approx(1.5, abs=1e-3)
+
+
+def test_a_pair_that_takes_two_points_from_the_other_body_has_to_be_worth_both() -> None:
+    own, other = claims({(0, 0): 1e4, (3, 4): 1e4}), claims({(3, 3): 1e3, (4, 4): 1e3})
+    assert own.point_probabilities(other).sum() == pytest.approx(1.0, abs=2e-2)
+    assert other.point_probabilities(own).sum() == pytest.approx(2 / 11, abs=1e-2)
+
+
+def test_a_pose_that_was_found_is_kept_however_many_pairs_are_asked_of_a_seeds() -> None:
+    """Among dense points more are, and with larger errors: of two equal bodies of six the other was dropped."""
+    ct, ots, _ = bodies(3, [6, 6], [60.0, 60.0], 8, 60.0)
+    problem = problem_of(ct, ots)
+    found = find_poses(problem, 1e-3)
+    kept = refined_poses(replace(Search.of(problem, every=False), needed=(9, 9)), found.poses)
+    assert [len(pose.pairs) for pose in kept] == [6, 6]
+
+
+def test_doubtful_points_make_no_body_the_smaller_for_sure() -> None:
+    """By brute force over which points are of their body; what is certain counts as it did, three more for 0.99."""
+    of_best, of_rival = np.array([1.0, 0.9, 0.6]), np.array([0.7, 0.2])
+    odds = 0.0
+    for right in itertools.product((0, 1), repeat=5):
+        chance = np.where(right, np.r_[of_best, of_rival], 1.0 - np.r_[of_best, of_rival]).prod()
+        odds += chance * np.exp(LOG_ODDS_PER_PAIR * (sum(right[3:]) - sum(right[:3])))
+    assert odds_by_size(of_best, of_rival) == pytest.approx(odds)
+    assert odds_by_size(np.ones(20), np.ones(17)) == pytest.approx(np.exp(-3.0 * LOG_ODDS_PER_PAIR))
+    assert odds_by_size(np.ones(17), np.ones(20)) == 1.0
+
+
+def test_a_body_that_was_found_is_not_weighed_once_more_by_its_pairs() -> None:
+    """As a rival its points count; by pairs, of which the larger body had doubtful ones, that one was refused."""
+    ct, ots, _ = bodies(1, [12, 11], [60.0, 60.0], 4, 120.0)
+    problem = problem_of(ct, ots)
+    found = find_poses(problem, 1e-3)
+    of_pairs = found.chance.pair_probabilities(found.poses[0].matrix, found.poses[0].partner)
+    assert odds_of_body_beside(problem, found.poses[:1], of_pairs) > 0.05
+    assert odds_of_body_beside(problem, found.poses, of_pairs) == 0.0
