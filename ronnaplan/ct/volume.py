@@ -77,6 +77,11 @@ class SeriesSource:
     description: str = ""
     kernel: str = ""
 
+    @property
+    def frame(self) -> Frame:
+        """The patient frame that it lives in."""
+        return Frame("CT", self.frame_of_reference_uid)
+
 
 class Gridded:
     """Values (K, J, I) on a `SliceGrid`, as other libraries hold them; an uneven grid is refused (`InputError`)."""
@@ -228,7 +233,7 @@ class CTVolume(Gridded):
     @property
     def frame(self) -> Frame:
         """The patient frame this scan lives in."""
-        return Frame("CT", self.source.frame_of_reference_uid)
+        return self.source.frame
 
     @property
     def identity(self) -> ScanIdentity:

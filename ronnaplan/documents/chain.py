@@ -94,7 +94,7 @@ class ChainDocument(DocumentModel):
     @property
     def ct_frame(self) -> Frame:
         """The scan's frame of reference."""
-        return Frame("CT", self.source.frame_of_reference_uid)
+        return self.source.frame
 
     @property
     def identity(self) -> ScanIdentity:

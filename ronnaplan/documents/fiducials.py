@@ -54,6 +54,11 @@ class Source(DocumentModel):
     distortion: Line | None = None
     """How its geometry may be wrong, as markers or candidates that are alike ellipsoids tell."""
 
+    @property
+    def frame(self) -> Frame:
+        """The scan's frame of reference."""
+        return Frame("CT", self.frame_of_reference_uid)
+
     def identity(self, name: str, frame: Frame) -> ScanIdentity:
         """Return the scan of a document, which is called ``name`` and whose points are in ``frame``."""
         return ScanIdentity(name, frame, self.series_instance_uid, self.voxel_sha256)
@@ -168,7 +173,7 @@ class FiducialsDocument(DocumentModel):
             np.array([entry.center for entry in self.fiducials], dtype=np.float64).reshape(-1, 3),
             np.array([entry.covariance for entry in self.fiducials], dtype=np.float64).reshape(-1, 3, 3),
             tuple(entry.label for entry in self.fiducials),
-            Frame("CT", self.source.frame_of_reference_uid),
+            self.source.frame,
         )
 
     @property

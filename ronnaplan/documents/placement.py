@@ -245,7 +245,7 @@ class PlacementDocument(_Grown):
     @property
     def ct_frame(self) -> Frame:
         """The scan's frame of reference."""
-        return Frame("CT", self.source.frame_of_reference_uid)
+        return self.source.frame
 
     @property
     def identity(self) -> ScanIdentity:

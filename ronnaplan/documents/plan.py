@@ -159,9 +159,9 @@ def plan_text(plan: Plan) -> str:
 
 
 def _plan(document: PlanDocument) -> Plan:
-    source = document.source
-    frame = Frame("CT", source.frame_of_reference_uid)
-    trajectories = tuple(_trajectory(entry, frame) for entry in document.trajectories)
+    given = document.source
+    source = SeriesSource(given.study_instance_uid, given.series_instance_uid, given.frame_of_reference_uid)
+    trajectories = tuple(_trajectory(entry, source.frame) for entry in document.trajectories)
     names = [one.name for one in trajectories]
     if len(set(names)) != len(names):
         raise InputError("two trajectories have the same name; rename one")
@@ -169,12 +169,12 @@ def _plan(document: PlanDocument) -> Plan:
     if len({one.name for one in rulers}) != len(rulers):
         raise InputError("two measurements have the same name; rename one")
     return Plan(
-        SeriesSource(source.study_instance_uid, source.series_instance_uid, source.frame_of_reference_uid),
-        source.voxel_sha256,
+        source,
+        given.voxel_sha256,
         trajectories,
         _landmarks(document.landmarks) if document.landmarks else None,
-        tuple(_change(entry, frame) for entry in document.history),
-        tuple(_change(entry, frame) for entry in document.undone),
+        tuple(_change(entry, source.frame) for entry in document.history),
+        tuple(_change(entry, source.frame) for entry in document.undone),
         document.revision,
         rulers,
     )

@@ -12,7 +12,7 @@ import numpy as np
 
 from ronnaplan.ct.volume import CTVolume, SeriesSource, VolumeFlag
 from ronnaplan.display import Shown, coordinates, head_in_3d
-from ronnaplan.geometry import FloatArray, Frame, Points
+from ronnaplan.geometry import FloatArray, Points
 from ronnaplan.localization.build import SIZE_TOLERANCE_MM, SOLID, Build
 from ronnaplan.localization.fit.parameters import (
     BLUR,
@@ -247,5 +247,4 @@ class Fiducials(Shown[Fiducial]):
     @property
     def points(self) -> Points:
         """The markers as labelled points of the scan's frame."""
-        frame = Frame("CT", self.source.frame_of_reference_uid)
-        return Points(self.centers, self.covariances, self.labels, frame)
+        return Points(self.centers, self.covariances, self.labels, self.source.frame)

@@ -99,7 +99,7 @@ class Plan(Shown[Trajectory]):
     @property
     def frame(self) -> Frame:
         """The frame all points of the plan are in."""
-        return Frame("CT", self.source.frame_of_reference_uid)
+        return self.source.frame
 
     @property
     def points(self) -> Points:
