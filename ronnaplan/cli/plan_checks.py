@@ -16,7 +16,7 @@ from ronnaplan.cli.plan_inputs import (
     stated_instrument,
     stated_target,
 )
-from ronnaplan.cli.plan_options import SIDES, VISIBLE_DEG
+from ronnaplan.cli.plan_options import SIDES
 
 if TYPE_CHECKING:
     from ronnaplan.planning import Plan
@@ -98,6 +98,7 @@ def run_markers(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.plan_measures import placement_markups
     from ronnaplan.errors import UsageError
     from ronnaplan.planning import Plan
+    from ronnaplan.planning.lengths import VISIBLE_DEG
     from ronnaplan.planning.rows import placement_sentence
     from ronnaplan.planning.sites import PlacementRules
     from ronnaplan.planning.tables import placement_table

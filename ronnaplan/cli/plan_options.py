@@ -6,6 +6,13 @@ import argparse
 
 from ronnaplan.cli.case_options import with_documents, with_rules, with_sigmas
 from ronnaplan.cli.values import colour, number, whole
+from ronnaplan.planning.lengths import (
+    BASE_MM,
+    LEAST_APART_MM,
+    LEAST_FROM_ENTRIES_MM,
+    USUAL_DIAMETER_MM,
+    VISIBLE_DEG,
+)
 
 SIDES = {
     "left": (1.0, 0.0, 0.0),
@@ -24,9 +31,6 @@ PLACES = {
     "midline": "a point of the midsagittal plane, well off the line through both",
 }
 """What each option with coordinates is."""
-
-VISIBLE_DEG = 80.0
-"""How far a marker may lean away from the tracker unless something else is said."""
 
 
 def with_plan(parser: argparse.ArgumentParser) -> None:
@@ -201,10 +205,10 @@ def configure_markers(parser: argparse.ArgumentParser) -> None:
         help=f"how far a marker may lean away from it (default {VISIBLE_DEG:g})",
     )
     for name, default, text in (
-        ("apart", 30.0, "least distance between markers"),
-        ("from-entries", 25.0, "least distance from entries"),
-        ("diameter", 11.5, "diameter of a marker"),
-        ("base", 8.0, "height of its base and post above the scalp"),
+        ("apart", LEAST_APART_MM, "least distance between markers"),
+        ("from-entries", LEAST_FROM_ENTRIES_MM, "least distance from entries"),
+        ("diameter", USUAL_DIAMETER_MM, "diameter of a marker"),
+        ("base", BASE_MM, "height of its base and post above the scalp"),
     ):
         parser.add_argument(
             f"--{name}", type=number, default=default, metavar="MM", help=f"{text} (default %(default)s)"

@@ -8,6 +8,16 @@ from typing import TYPE_CHECKING
 
 from ronnaplan.cli.case_options import with_sigmas
 from ronnaplan.cli.values import number, whole
+from ronnaplan.planning.lengths import (
+    CLEARANCE_MM,
+    HOLE_MM,
+    MARKER_HEIGHT_MM,
+    PLATE_MM,
+    PRINT_TOLERANCE_MM,
+    SCREW_PLAY_MM,
+    THICKNESS_MM,
+    USUAL_DIAMETER_MM,
+)
 
 if TYPE_CHECKING:
     from ronnaplan.planning.template_fit import Fitted
@@ -15,15 +25,15 @@ if TYPE_CHECKING:
 
 HELP = "Design a template for markers that cannot be confused, to be printed."
 LENGTHS = (
-    ("thickness", 4.0, "thickness of the plate"),
-    ("diameter", 11.5, "diameter of a marker"),
-    ("height", 15.0, "from the plate's upper surface to a marker's center"),
-    ("clearance", 6.0, "least distance between two markers' surfaces"),
-    ("hole", 2.4, "diameter of a screw's hole"),
-    ("print-tolerance", 0.2, "a hole may be printed off its place by so much along each axis"),
+    ("thickness", THICKNESS_MM, "thickness of the plate"),
+    ("diameter", USUAL_DIAMETER_MM, "diameter of a marker"),
+    ("height", MARKER_HEIGHT_MM, "from the plate's upper surface to a marker's center"),
+    ("clearance", CLEARANCE_MM, "least distance between two markers' surfaces"),
+    ("hole", HOLE_MM, "diameter of a screw's hole"),
+    ("print-tolerance", PRINT_TOLERANCE_MM, "a hole may be printed off its place by so much along each axis"),
     (
         "screw-play",
-        0.5,
+        SCREW_PLAY_MM,
         "a marker may stand off its hole's axis and height by so much: play, tilt and depth of the screw",
     ),
 )
@@ -49,7 +59,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--size",
         nargs=2,
         type=number,
-        default=(120.0, 80.0),
+        default=PLATE_MM,
         metavar=("WIDTH", "DEPTH"),
         help="of the plate, mm, from side to side and from front to back (default 120 80)",
     )

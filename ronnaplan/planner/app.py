@@ -27,7 +27,7 @@ from ronnaplan.planner.unwritten import write_again
 from ronnaplan.planner.working import Working
 from ronnaplan.planning import INSTRUMENTS
 from ronnaplan.planning.electrodes import ELECTRODES, NO_ELECTRODE
-from ronnaplan.planning.sites import USUAL_DIAMETER_MM
+from ronnaplan.planning.lengths import USUAL_DIAMETER_MM
 from ronnaplan.scene.head import HeadParts, head_parts
 from ronnaplan.scene.surfaces import SURFACES
 from ronnaplan.scene.volume import PRESETS

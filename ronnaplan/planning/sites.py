@@ -12,16 +12,17 @@ from ronnaplan.geometry import FloatArray, as_points, unit
 from ronnaplan.planning.candidates import Field, cast, spread_directions
 from ronnaplan.planning.head import SKIN_HU, Head
 from ronnaplan.planning.layers import Way
+from ronnaplan.planning.lengths import (
+    BASE_MM,
+    LEAST_APART_MM,
+    LEAST_FROM_ENTRIES_MM,
+    USUAL_DIAMETER_MM,
+    VISIBLE_DEG,
+)
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 
 SITES = 4_000
 """Directions from the head's center that are looked at; those that reach the scalp become sites, 6 mm apart."""
-
-USUAL_DIAMETER_MM = 11.5
-"""The sphere that is meant where no other is named."""
-
-BASE_MM = 8.0
-"""Height of its base and post above the scalp."""
 
 FREE_ABOVE_MM = (4.0, 22.0, 2.0)
 """Heights over the scalp (from, to, step) at which there must be air: there the marker will be."""
@@ -69,10 +70,10 @@ class PlacementRules:
     sigma_ots_mm: float = SIGMA_OTS_MM
     diameter_mm: float = USUAL_DIAMETER_MM
     base_mm: float = BASE_MM
-    least_apart_mm: float = 30.0
-    least_from_entries_mm: float = 25.0
+    least_apart_mm: float = LEAST_APART_MM
+    least_from_entries_mm: float = LEAST_FROM_ENTRIES_MM
     tracker: tuple[float, float, float] | None = None
-    visible_deg: float = 80.0
+    visible_deg: float = VISIBLE_DEG
     lowest_mm: float | None = None
 
     @property

@@ -16,7 +16,16 @@ import numpy as np
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.planning.sites import USUAL_DIAMETER_MM
+from ronnaplan.planning.lengths import (
+    CLEARANCE_MM,
+    HOLE_MM,
+    MARKER_HEIGHT_MM,
+    PLATE_MM,
+    PRINT_TOLERANCE_MM,
+    SCREW_PLAY_MM,
+    THICKNESS_MM,
+    USUAL_DIAMETER_MM,
+)
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 
 if TYPE_CHECKING:
@@ -41,20 +50,20 @@ STANDARD_RADIUS_MM = 80.0
 class Bridge:
     """What the template is made of, mm: a plate ``size_mm`` wide and deep, bent from side to side or flat."""
 
-    size_mm: tuple[float, float] = (120.0, 80.0)
+    size_mm: tuple[float, float] = PLATE_MM
     radius_mm: float | None = STANDARD_RADIUS_MM
     """Of its lower surface; None for a flat one."""
-    thickness_mm: float = 4.0
+    thickness_mm: float = THICKNESS_MM
     marker_diameter_mm: float = USUAL_DIAMETER_MM
-    marker_height_mm: float = 15.0
+    marker_height_mm: float = MARKER_HEIGHT_MM
     """From the upper surface to the marker's center."""
-    clearance_mm: float = 6.0
+    clearance_mm: float = CLEARANCE_MM
     """Between two markers' surfaces at least."""
     pad_radius_mm: float = 9.0
-    hole_diameter_mm: float = 2.4
-    print_tolerance_mm: float = 0.2
+    hole_diameter_mm: float = HOLE_MM
+    print_tolerance_mm: float = PRINT_TOLERANCE_MM
     """A hole is printed off its place by up to so much along each axis."""
-    screw_play_mm: float = 0.5
+    screw_play_mm: float = SCREW_PLAY_MM
     """A marker's center is off its hole's axis, and its height, by up to so much: play, tilt and depth of its screw."""
 
     @property
