@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from phantoms.machine import Machine
 from phantoms.scene import Scene
 from phantoms.solids import FloatArray
 from phantoms.stack import SliceStack, axial_stack
+
+Excess = NDArray[np.floating[Any]]
+"""HU above the surroundings (K, rows, columns)."""
 
 Row = tuple[str, str, str, bool]
 """Claim, measured, limit, whether it holds."""
@@ -29,15 +35,19 @@ def places(stack: SliceStack) -> FloatArray:
     return found
 
 
-def moments(
-    excess: FloatArray, stack: SliceStack, center: FloatArray, reach_mm: float
-) -> tuple[FloatArray, float]:
+def centroid(excess: Excess, stack: SliceStack, center: FloatArray, reach_mm: float) -> FloatArray:
+    """Return the centroid (mm) of what rises above the surroundings near ``center``."""
+    return np.average(places(stack), axis=(0, 1, 2), weights=_near(excess, stack, center, reach_mm))
+
+
+def moments(excess: Excess, stack: SliceStack, center: FloatArray, reach_mm: float) -> tuple[FloatArray, float]:
     """Return centroid (mm) and mass (HU x mm3) of what rises above the surroundings near ``center``."""
-    points = places(stack)
-    weights = np.where(np.linalg.norm(points - center, axis=-1) < reach_mm, excess, 0.0)
-    centroid = np.average(points.reshape(-1, 3), axis=0, weights=weights.ravel())
-    gap = float(np.diff(stack.positions_mm).mean())
-    return centroid, float(weights.sum()) * stack.pixel_mm**2 * gap
+    mass = float(_near(excess, stack, center, reach_mm).sum()) * stack.pixel_mm**2
+    return centroid(excess, stack, center, reach_mm), mass * float(np.diff(stack.positions_mm).mean())
+
+
+def _near(excess: Excess, stack: SliceStack, center: FloatArray, reach_mm: float) -> Excess:
+    return np.where(np.linalg.norm(places(stack) - center, axis=-1) < reach_mm, excess, 0.0)
 
 
 def ball_stack(diameter_mm: float, spacing_mm: float, thickness_mm: float, **options: object) -> SliceStack:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks import phantom_measures
 from phantoms.beam import tube_beam
 from phantoms.cone_beam import ConeBeam
 from phantoms.cone_rays import Panel, Views, cone_transmission
@@ -38,12 +39,8 @@ SLICE = voxels(0, 0).around((*CENTER[:2], 0), 9.5, crop=True)
 def centroid(scene: Scene, stack: SliceStack, scanner: ConeBeam) -> FloatArray:
     """Return the centroid (mm) of what rises above air near `CENTER`."""
     (images,) = scanner.reconstruct(scene, [stack])
-    v, u = np.mgrid[: stack.rows, : stack.columns] * stack.pixel_mm
-    in_plane = v[..., np.newaxis] * stack.row_direction + u[..., np.newaxis] * stack.column_direction
-    places = stack.origins_mm[:, np.newaxis, np.newaxis] + in_plane
     middle = CENTER if len(stack) > 1 else np.array([*CENTER[:2], 0])
-    weights = np.where(np.linalg.norm(places - middle, axis=-1) < 8.5, images + 1000.0, 0.0)
-    return np.average(places.reshape(-1, 3), axis=0, weights=weights.ravel())
+    return phantom_measures.centroid(images + 1000.0, stack, middle, 8.5)
 
 
 def test_a_ball_far_off_the_axis_and_off_the_middle_plane_is_where_it_should_be() -> None:

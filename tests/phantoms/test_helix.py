@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.phantom_measures import centroid, places
 from phantoms.errors import PhantomError
 from phantoms.helix import Helix
 from phantoms.scene import Part, Scene
-from phantoms.solids import FloatArray, cylinder, sphere
+from phantoms.solids import cylinder, sphere
 from phantoms.stack import SliceStack, axial_stack
 
 CENTER = np.array([35.21, -24.13, 3.37])
@@ -19,13 +20,6 @@ MANY_ROWS = Helix(dose=0.0, views=240, rows=16, row_mm=0.6, pitch=0.65)
 def ball_stack(spacing_mm: float) -> SliceStack:
     stack = axial_stack(start_mm=-7, stop_mm=14, spacing_mm=spacing_mm, matrix=40, field_of_view_mm=24)
     return replace(stack, aside_mm=(35.0, -24.0))
-
-
-def places(stack: SliceStack) -> FloatArray:
-    v, u = np.mgrid[: stack.rows, : stack.columns] * stack.pixel_mm
-    in_plane = v[..., np.newaxis] * stack.row_direction + u[..., np.newaxis] * stack.column_direction
-    found: FloatArray = stack.origins_mm[:, np.newaxis, np.newaxis] + in_plane
-    return found
 
 
 @pytest.mark.parametrize(
@@ -41,10 +35,8 @@ def places(stack: SliceStack) -> FloatArray:
 def test_a_ball_keeps_its_place_and_its_attenuation(scanner: Helix) -> None:
     stack = ball_stack(scanner.row_mm)
     (images,) = scanner.reconstruct(Scene((Part(sphere(CENTER, 11.5), "acrylic"),)), [stack])
-    points, distance = places(stack), np.linalg.norm(places(stack) - CENTER, axis=-1)
-    weights = np.where(distance < 9, images + 1000.0, 0.0)
-    centroid = np.average(points.reshape(-1, 3), axis=0, weights=weights.ravel())
-    assert centroid == pytest.approx(CENTER, abs=0.004)
+    assert centroid(images + 1000.0, stack, CENTER, 9) == pytest.approx(CENTER, abs=0.004)
+    distance = np.linalg.norm(places(stack) - CENTER, axis=-1)
     assert images[distance < 3].mean() == pytest.approx(104, abs=3)
 
 

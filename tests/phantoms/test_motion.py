@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks import phantom_measures
 from phantoms.cone_beam import ConeBeam
 from phantoms.errors import PhantomError
 from phantoms.examination import Examination
@@ -36,11 +37,7 @@ def centroid(machine: Machine, scene: Scene = BALL, stack: SliceStack = STACK) -
     """Return the centroid (mm) of what rises above air near `CENTER`."""
     part = stack.around(CENTER, 10, crop=True)
     (images,) = machine.reconstruct(scene, [part])
-    v, u = np.mgrid[: part.rows, : part.columns] * part.pixel_mm
-    in_plane = v[..., np.newaxis] * part.row_direction + u[..., np.newaxis] * part.column_direction
-    places = part.origins_mm[:, np.newaxis, np.newaxis] + in_plane
-    weights = np.where(np.linalg.norm(places - CENTER, axis=-1) < 9, images + 1000.0, 0.0)
-    return np.average(places.reshape(-1, 3), axis=0, weights=weights.ravel())
+    return phantom_measures.centroid(images + 1000.0, part, CENTER, 9)
 
 
 @pytest.mark.parametrize("machine", [AXIAL, CONE, HELIX], ids=["axial", "cone beam", "helix"])

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from benchmarks import phantom_measures
 from phantoms.errors import PhantomError
 from phantoms.examination import Examination
 from phantoms.finish import (
@@ -34,18 +35,8 @@ TURN = np.array([[0.96, 0.0, 0.28], [0.0, 1.0, 0.0], [-0.28, 0.0, 0.96]])
 QUIET = Scanner(dose=0.0, views=180)
 
 
-def places(stack: SliceStack) -> FloatArray:
-    v, u = np.mgrid[: stack.rows, : stack.columns] * stack.pixel_mm
-    in_plane = v[..., np.newaxis] * stack.row_direction + u[..., np.newaxis] * stack.column_direction
-    found: FloatArray = stack.origins_mm[:, np.newaxis, np.newaxis] + in_plane
-    return found
-
-
 def centroid(examination: Examination) -> FloatArray:
-    points = places(examination.stack)
-    weights = examination.images().astype(float) + 1000
-    weights[np.linalg.norm(points - CENTER, axis=-1) > 11] = 0
-    return np.average(points.reshape(-1, 3), axis=0, weights=weights.ravel())
+    return phantom_measures.centroid(examination.images() + 1000.0, examination.stack, CENTER, 11)
 
 
 @pytest.mark.parametrize("name", PROTOCOLS)
@@ -123,7 +114,7 @@ def test_penalized_least_squares_keeps_edges() -> None:
 
 
 def values_at(points_mm: FloatArray, stack: SliceStack, voxels: NDArray[np.int16]) -> NDArray[np.int16]:
-    distance, nearest = KDTree(places(stack).reshape(-1, 3)).query(points_mm)
+    distance, nearest = KDTree(phantom_measures.places(stack).reshape(-1, 3)).query(points_mm)
     assert np.max(distance) < 1e-6
     found: NDArray[np.int16] = voxels.ravel()[nearest]
     return found
@@ -137,14 +128,14 @@ def test_crops_of_one_scan_equal_the_whole(step: tuple[Step, ...]) -> None:
     examination = Examination(BALL, stack, Scanner(dose=0.0, views=60), finish=Finish(step))
     whole = examination.images()
     for near, voxels in examination.crops([CENTER, CENTER + 4], 5.0):
-        expected = values_at(places(near.stack).reshape(-1, 3), stack, whole)
+        expected = values_at(phantom_measures.places(near.stack).reshape(-1, 3), stack, whole)
         assert voxels.ravel() == pytest.approx(expected, abs=1)
 
 
 def test_crops_of_one_scan_share_its_noise() -> None:
     stack = axial_stack(start_mm=0, stop_mm=4, spacing_mm=2.0, matrix=40, field_of_view_mm=28)
     (one, first), (other, second) = Examination(BALL, stack, Scanner(views=60)).crops([CENTER, CENTER + 2], 4.0)
-    points = places(one.stack).reshape(-1, 3)
+    points = phantom_measures.places(one.stack).reshape(-1, 3)
     shared = points[np.abs(points - (CENTER + 2)).max(axis=1) < 4]
     assert len(shared) > 50
     assert (values_at(shared, one.stack, first) == values_at(shared, other.stack, second)).all()

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from skimage.transform import iradon
 
+from benchmarks.phantom_measures import moments, places
 from phantoms.errors import PhantomError
 from phantoms.examination import Examination
 from phantoms.kernels import KERNELS
@@ -19,13 +20,6 @@ TURN = np.linalg.qr(np.array([[0.3, -0.5, 0.8], [0.9, 0.2, -0.4], [0.1, 0.7, 0.6
 TURN *= np.sign(np.linalg.det(TURN))
 
 
-def places(stack: SliceStack) -> FloatArray:
-    v, u = np.mgrid[: stack.rows, : stack.columns] * stack.pixel_mm
-    in_plane = v[..., np.newaxis] * stack.row_direction + u[..., np.newaxis] * stack.column_direction
-    found: FloatArray = stack.origins_mm[:, np.newaxis, np.newaxis] + in_plane
-    return found
-
-
 def images(scene: Scene, stack: SliceStack, scanner: Scanner = QUIET, seed: int = 0) -> FloatArray:
     return scanner.reconstruct(scene, [stack], seed=seed)[0].astype(np.float64)
 
@@ -33,10 +27,7 @@ def images(scene: Scene, stack: SliceStack, scanner: Scanner = QUIET, seed: int 
 def ball_mass(center: FloatArray, stack: SliceStack, scanner: Scanner) -> tuple[FloatArray, float]:
     """Return centroid (mm) and mass (HU x mm3) of an 11.5 mm plastic ball in air."""
     excess = images(Scene((Part(sphere(center, 11.5), "acrylic"),)), stack, scanner) + 1000
-    points = places(stack)
-    excess[np.linalg.norm(points - center, axis=-1) > 13] = 0
-    centroid = np.average(points.reshape(-1, 3), axis=0, weights=excess.ravel())
-    return centroid, excess.sum() * stack.pixel_mm**2 * np.diff(stack.positions_mm)[0]
+    return moments(excess, stack, center, 13)
 
 
 def ball_stack(**options: object) -> SliceStack:
