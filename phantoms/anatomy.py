@@ -85,7 +85,7 @@ def dental_metal(teeth: tuple[int, ...], material: str = "amalgam", size: float 
     return embedded(material, "dental filling", *fillings)
 
 
-def headrest(size: float = 1.0) -> Scene:
+def headrest(size: float) -> Scene:
     """Return a padded carbon-fibre headrest: a bottom plate, two wings and foam under the back of the head."""
     back = SCALP_SEMI_AXES_MM[1] * size
     parts = [

@@ -124,7 +124,7 @@ def _figures(summary: Summary) -> list[str]:
     if summary.thicknesses:
         found.append(picture(plots.thickness_plot(summary.thicknesses), "Standard error by slice thickness"))
     if summary.rejected:
-        found.append(picture(plots.bars_plot(summary.rejected, "candidates"), "Why candidates were rejected"))
+        found.append(picture(plots.reasons_plot(summary.rejected), "Why candidates were rejected"))
     if summary.reasons:
         rows = [[str(count), printable(why)] for why, count in summary.reasons.most_common(MOST_ROWS)]
         found.append(

@@ -97,14 +97,14 @@ def misfit_plot(misfits: list[float]) -> bytes:
     return png(figure)
 
 
-def bars_plot(counts: Counter[str], label: str) -> bytes:
-    """Plot counts by name, most first."""
-    top = counts.most_common(MOST_BARS)
+def reasons_plot(rejected: Counter[str]) -> bytes:
+    """Plot how many candidates each test rejected, most first."""
+    top = rejected.most_common(MOST_BARS)
     figure, axes = new_figure(7.5, 0.9 + 0.28 * len(top))
     bars = axes.barh([name for name, _ in top], [count for _, count in top], color=COLOR)
     axes.bar_label(bars, padding=3, fontsize=8)
     axes.invert_yaxis()
-    axes.set_xlabel(label)
+    axes.set_xlabel("candidates")
     return png(figure)
 
 

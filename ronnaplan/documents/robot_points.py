@@ -86,7 +86,7 @@ def export_points(
     chain: ChainDocument,
     to: RobotFormat,
     approach_mm: float,
-    name: str = KRL_LIST,
+    name: str,
 ) -> str:
     """Return ``trajectories`` in a format, each with a point ``approach_mm`` before its entry.
 

@@ -258,13 +258,12 @@ class Foreman:
         self._log.tell("job ended", job=job.id, state=state, reason=reason)
 
 
-def retry(index: Index, job: int, now: float) -> bool:
-    """Have a job that was refused or failed done again, with all its attempts; False where there is none such."""
+def retry(index: Index, job: int) -> bool:
+    """Have a job that was refused or failed done again at once, with all its attempts; False where there is none."""
     return bool(
         index.run(
-            "UPDATE jobs SET state = 'waiting', attempts = 0, due = ?, reason = '' "
+            "UPDATE jobs SET state = 'waiting', attempts = 0, due = 0, reason = '' "
             "WHERE id = ? AND state IN ('refused', 'failed')",
-            now,
             job,
         )
     )

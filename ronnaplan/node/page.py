@@ -110,7 +110,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(400, "text/plain", "only jobs can be retried, and from the page itself")
             return
         with Index(self.server.folder) as index:
-            found = retry(index, job, 0.0)
+            found = retry(index, job)
         self.server.log.tell("retry", job=job, done=found)
         self.send_response(303)
         self.send_header("Location", "/")

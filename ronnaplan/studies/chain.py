@@ -196,7 +196,7 @@ def _shares(registration: Registration) -> tuple[FloatArray, FloatArray]:
 
 
 def run_chain(
-    folder: Path, trials: int, seed: int = 2018, *, workers: int | None = None, scheduler: str | None = None
+    folder: Path, trials: int, seed: int, *, workers: int | None = None, scheduler: str | None = None
 ) -> list[Record]:
     """Run the study into ``folder``: journal, results.json, table.md. ``trials`` sessions a scan and source."""
     settings = {"study": "chain", "trials": trials, "seed": seed}

@@ -42,10 +42,10 @@ def run_block(*block: int) -> Record:
 
 def run_simulation(
     folder: Path,
-    tests: int = 10_000,
-    seed: int = 2018,
+    tests: int,
+    seed: int,
     *,
-    further: bool = True,
+    further: bool,
     workers: int | None = None,
     scheduler: str | None = None,
 ) -> dict[Cell, Record]:

@@ -70,7 +70,7 @@ def run_scan(scan: int, seed: int) -> Record:
 
 
 def run_tracking(
-    folder: Path, seed: int = 2018, *, workers: int | None = None, scheduler: str | None = None
+    folder: Path, seed: int, *, workers: int | None = None, scheduler: str | None = None
 ) -> list[Record]:
     """Run the study into ``folder``: journal, results.json, table.md, plots in the form of Figs. 8 and 9."""
     from ronnaplan.studies.plots import plot_tracking

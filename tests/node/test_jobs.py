@@ -119,8 +119,8 @@ def test_no_job_keeps_another_one_waiting_and_each_ends_as_it_should(
     ended = [line["state"] for line in lines if line["event"] == "job ended"]
     assert sorted(ended) == ["done", "failed", "failed", "failed", "refused"]
     (refused,) = (number for (number,) in index.rows("SELECT id FROM jobs WHERE state = 'refused'"))
-    assert retry(index, refused, 0.0)
-    assert not retry(index, refused, 0.0)
+    assert retry(index, refused)
+    assert not retry(index, refused)
     assert states(index)["refused"] == ("waiting", 0)
 
 
