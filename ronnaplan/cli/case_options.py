@@ -1,4 +1,4 @@
-"""The options that say what trajectories are judged against, the same for every verb that judges them."""
+"""Options that several verbs share, most of them what trajectories are judged against."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from ronnaplan.cli.values import number, sigma_mm
+from ronnaplan.cli.values import number, sigma_mm, whole
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 
 if TYPE_CHECKING:
@@ -48,6 +48,12 @@ def with_sigma_ots(parser: Declares) -> None:
         metavar="MM",
         help="the tracker's error per axis (default %(default)s)",
     )
+
+
+def with_server(parser: Declares) -> None:
+    """Declare where a tracker's OpenIGTLink server is."""
+    parser.add_argument("--host", default="127.0.0.1", help="where the server runs (default %(default)s)")
+    parser.add_argument("--port", type=whole(1, 65_535), default=18944, help="its port (default %(default)s)")
 
 
 def with_paper(parser: Declares) -> None:

@@ -7,10 +7,10 @@ import json
 from typing import TYPE_CHECKING
 
 from ronnaplan.cli import GIVEN
-from ronnaplan.cli.case_options import with_sigma_ots
+from ronnaplan.cli.case_options import with_server, with_sigma_ots
 from ronnaplan.cli.output import ended_gently
 from ronnaplan.cli.robot_options import rms, tell, with_output, with_robot_sigmas, with_tool
-from ronnaplan.cli.values import seconds, sigma_mm, whole
+from ronnaplan.cli.values import seconds, sigma_mm
 from ronnaplan.sigmas import SIGMA_GEOMETRY_MM
 
 if TYPE_CHECKING:
@@ -36,8 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="device of the head's markers, where several show them (default: the only one)",
     )
-    parser.add_argument("--host", default="127.0.0.1", help="where the server runs (default %(default)s)")
-    parser.add_argument("--port", type=whole(1, 65_535), default=18944, help="its port (default %(default)s)")
+    with_server(parser)
     parser.add_argument("--seconds", type=seconds, default=3600.0, help="how long to watch (default %(default)s)")
     parser.add_argument(
         "--every", type=seconds, default=0.5, metavar="S", help="length of a moment (default %(default)s)"

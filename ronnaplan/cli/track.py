@@ -6,9 +6,9 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from ronnaplan.cli.case_options import with_sigma_ots
+from ronnaplan.cli.case_options import with_server, with_sigma_ots
 from ronnaplan.cli.output import ended_gently
-from ronnaplan.cli.values import seconds, whole
+from ronnaplan.cli.values import seconds
 
 if TYPE_CHECKING:
     from ronnaplan.documents.registration import RegistrationDocument
@@ -25,8 +25,7 @@ HELP = "Record marker and tool readings from an OpenIGTLink server into a readin
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument("--host", default="127.0.0.1", help="where the server runs (default %(default)s)")
-    parser.add_argument("--port", type=whole(1, 65_535), default=18944, help="its port (default %(default)s)")
+    with_server(parser)
     parser.add_argument("--seconds", type=seconds, default=5.0, help="how long to record (default %(default)s)")
     parser.add_argument(
         "--registration", metavar="FILE", help="warn when markers have moved since this registration.json"

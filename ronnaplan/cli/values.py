@@ -7,9 +7,6 @@ from collections.abc import Callable, Sequence
 
 from ronnaplan.text import LONGEST_NUMBER, plain_number, printable, whole_number
 
-LONGEST_S = 86_400.0
-"""A day."""
-
 
 def sigma_mm(text: str) -> float:
     """Return a standard deviation in mm."""
@@ -24,7 +21,9 @@ def sigma_mm(text: str) -> float:
 
 
 def seconds(text: str) -> float:
-    """Return a duration of up to `LONGEST_S`."""
+    """Return a duration of a recording."""
+    from ronnaplan.tracking.openigtlink import LONGEST_S
+
     value = plain_number(text)
     if value is None or not 0 < value <= LONGEST_S:
         raise argparse.ArgumentTypeError(

@@ -11,9 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from ronnaplan.cli import main
+from ronnaplan.cli import main, parse
 from ronnaplan.documents.reading import to_json
 from ronnaplan.tracking import read_recording
+from ronnaplan.tracking.openigtlink import DEFAULT_PORT
 from tests.documents.registrations import refused, registered
 from tests.tracking.files import AWAY
 from tests.tracking.test_openigtlink import points, pose, server
@@ -101,3 +102,7 @@ def test_a_stream_of_tools_alone_is_told_to_show_none_of_the_registered_markers(
         call = ["track", "--port", str(port), "--registration", str(tmp_path / "registration.json")]
         assert main([*call, "-o", str(tmp_path / "r.csv")]) == 0
     assert "only poses of tools came (ProbeToTracker), and no points" in capsys.readouterr().err
+
+
+def test_the_port_that_is_listened_at_is_that_of_the_library() -> None:
+    assert parse(["track"]).port == DEFAULT_PORT
