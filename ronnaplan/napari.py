@@ -53,7 +53,7 @@ def _fiducials(path: str) -> Layer:
     found = read_fiducials(path).fiducials
     features: Features = {
         "label": [one.label for one in found],
-        "error_mm": [float(np.sqrt(np.trace(np.array(one.covariance)))) for one in found],
+        "error_mm": [one.error_rms_mm for one in found],
         "flags": [", ".join(one.flags) for one in found],
     }
     return _points(

@@ -123,6 +123,16 @@ class FiducialEntry(DocumentModel):
     misfit: Ratio | None = None
     """RMS residual as a share of the contrast."""
 
+    @property
+    def error_rms_mm(self) -> float:
+        """Expected distance (root mean square) of the center from the truth."""
+        return float(np.sqrt(np.trace(np.array(self.covariance))))
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why the marker should be doubted, a sentence each."""
+        return tuple(flag_sentence(FiducialFlag, flag) for flag in self.flags)
+
 
 class RejectedEntry(DocumentModel):
     """One candidate that is no marker, and why."""
@@ -190,11 +200,7 @@ class FiducialsDocument(DocumentModel):
     @property
     def doubts(self) -> tuple[str, ...]:
         """Why markers should be doubted, a sentence each."""
-        return tuple(
-            f"marker {one.label}: {flag_sentence(FiducialFlag, flag)}"
-            for one in self.fiducials
-            for flag in one.flags
-        )
+        return tuple(f"marker {one.label}: {doubt}" for one in self.fiducials for doubt in one.doubts)
 
 
 def _check_apart(entries: tuple[FiducialEntry, ...]) -> None:
@@ -282,9 +288,4 @@ def _resolution(found: Fiducials) -> dict[str, object] | None:
 
 def read_fiducials(path: str | os.PathLike[str]) -> FiducialsDocument:
     """Read and check fiducials.json; raises `InputError` naming the first field that is wrong."""
-    return read_document(
-        path,
-        FiducialsDocument,
-        kind="fiducials document",
-        remedy="write it anew with localize",
-    )
+    return read_document(path, FiducialsDocument, kind="fiducials document", remedy="write it anew with localize")

@@ -256,10 +256,7 @@ class PlacementDocument(_Grown):
 def read_placement(path: str | os.PathLike[str]) -> PlacementDocument:
     """Read and check placement.json; raises `InputError` naming the first field that is wrong."""
     return read_document(
-        path,
-        PlacementDocument,
-        kind="placement document",
-        remedy="write it anew with robot place",
+        path, PlacementDocument, kind="placement document", remedy="write it anew with robot place"
     )
 
 

@@ -228,10 +228,7 @@ class RegistrationDocument(DocumentModel):
 def read_registration(path: str | os.PathLike[str]) -> RegistrationDocument:
     """Read and check registration.json; raises `InputError` naming the first field that is wrong."""
     return read_document(
-        path,
-        RegistrationDocument,
-        kind="registration document",
-        remedy="write it anew with register",
+        path, RegistrationDocument, kind="registration document", remedy="write it anew with register"
     )
 
 

@@ -212,10 +212,7 @@ def rig_document(
 def read_rig(path: str | os.PathLike[str]) -> RigDocument:
     """Read and check rig.json; raises `InputError` naming the first field that is wrong."""
     return read_document(
-        path,
-        RigDocument,
-        kind="camera calibration",
-        remedy="write it anew with 'robot stereo-calibrate'",
+        path, RigDocument, kind="camera calibration", remedy="write it anew with 'robot stereo-calibrate'"
     )
 
 
@@ -244,10 +241,7 @@ def spheres_document(found: RobotMarkers, diameter_mm: float, notes: tuple[str, 
 def read_spheres(path: str | os.PathLike[str]) -> SpheresDocument:
     """Read and check spheres.json; raises `InputError` naming the first field that is wrong."""
     return read_document(
-        path,
-        SpheresDocument,
-        kind="set of re-localized spheres",
-        remedy="write it anew with 'robot relocate'",
+        path, SpheresDocument, kind="set of re-localized spheres", remedy="write it anew with 'robot relocate'"
     )
 
 

@@ -111,12 +111,7 @@ def read_template(path: str | os.PathLike[str]) -> Template:
 
 def read_template_document(path: str | os.PathLike[str]) -> TemplateDocument:
     """Read and check a template file; raises `InputError` naming what is wrong."""
-    return read_document(
-        path,
-        TemplateDocument,
-        kind="template",
-        remedy="see docs/localization.md",
-    )
+    return read_document(path, TemplateDocument, kind="template", remedy="see docs/localization.md")
 
 
 def printed_template_document(found: TemplateLayout, name: str) -> str:

@@ -112,12 +112,7 @@ def pivot_document(found: PivotCalibration, tool: str, notes: tuple[str, ...] = 
 
 def read_pivot(path: str | os.PathLike[str]) -> PivotDocument:
     """Read and check pivot.json; raises `InputError` naming the first field that is wrong."""
-    return read_document(
-        path,
-        PivotDocument,
-        kind="pivot calibration",
-        remedy="write it anew with 'robot pivot'",
-    )
+    return read_document(path, PivotDocument, kind="pivot calibration", remedy="write it anew with 'robot pivot'")
 
 
 def hand_eye_document(
@@ -142,8 +137,5 @@ def hand_eye_document(
 def read_hand_eye(path: str | os.PathLike[str]) -> HandEyeDocument:
     """Read and check hand-eye.json; raises `InputError` naming the first field that is wrong."""
     return read_document(
-        path,
-        HandEyeDocument,
-        kind="hand-eye calibration",
-        remedy="write it anew with 'robot hand-eye'",
+        path, HandEyeDocument, kind="hand-eye calibration", remedy="write it anew with 'robot hand-eye'"
     )

@@ -11,7 +11,6 @@ from ronnaplan.case.placed import placement_doubts
 from ronnaplan.case.surroundings import Judgement
 from ronnaplan.documents.registration import LabelPair, RegistrationDocument
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.fiducials import FiducialFlag
 from ronnaplan.planner.following import told
 from ronnaplan.planner.state import LANDMARKS, PlannerState
 from ronnaplan.planning.angles import acpc_from_lps
@@ -37,10 +36,8 @@ def marker_rows(state: PlannerState) -> list[dict[str, str]]:
     """Return one row a marker."""
     rows = []
     for one in state.case.fiducials.fiducials if state.case.fiducials else ():
-        error_um = 1e3 * float(np.sqrt(np.trace(np.array(one.covariance))))
-        known = FiducialFlag.__members__
-        flags = "; ".join(str(known.get(flag.upper(), flag)) for flag in one.flags)
-        rows.append({"label": one.label, "center": place(one.center), "error": f"{error_um:.0f}", "flags": flags})
+        error, flags = f"{1e3 * one.error_rms_mm:.0f}", "; ".join(one.doubts)
+        rows.append({"label": one.label, "center": place(one.center), "error": error, "flags": flags})
     return rows
 
 
