@@ -43,6 +43,7 @@ from ronnaplan.localization.scanwide.together import moved, together
 from ronnaplan.localization.scanwide.usual import alike, by_the_usual, usual_profiles_mm
 from ronnaplan.localization.size import proposal, sizes_seen
 from ronnaplan.localization.template import Template, distance_error_mm, match_template
+from ronnaplan.text import place
 
 LOG = logging.getLogger(__name__)
 
@@ -288,8 +289,5 @@ def _explain_count(result: Fiducials, expected: int) -> str:
     found = f"{len(result)} {were.format(sizes)} found, {expected} expected"
     if len(result) > expected or not result.rejected:
         return f"{found}; check the diameter and the number"
-    near = ", ".join(
-        f"({', '.join(f'{x:.1f}' for x in candidate.center_mm)}): {candidate.reason}"
-        for candidate in result.rejected[:NEAREST_SHOWN]
-    )
+    near = ", ".join(f"{place(one.center_mm)}: {one.reason}" for one in result.rejected[:NEAREST_SHOWN])
     return f"{found}; nearest to acceptance were {near}"

@@ -20,6 +20,7 @@ from ronnaplan.planning.sides import side_doubt
 from ronnaplan.planning.surface import Surface
 from ronnaplan.planning.trajectory import Trajectory
 from ronnaplan.planning.uncertainty import Expectation, PathError, path_error
+from ronnaplan.text import place
 
 ENTRY_TOLERANCE_MM = 5.0
 """An entry point may lie this far outside the scalp (a click on a surface view); further out it is in air."""
@@ -170,17 +171,17 @@ def check_ends(trajectory: Trajectory, head: Head) -> Crossings:
     """Return what lies along the path; raises `InputError` for ends outside the scan or in air."""
     head.volume.frame.require(trajectory.frame)
     values = head.scan.values_hu(np.stack([trajectory.entry_mm, trajectory.target_mm]))
-    for end, place, value in zip(
+    for end, end_mm, value in zip(
         ("entry", "target"), (trajectory.entry_mm, trajectory.target_mm), values, strict=True
     ):
         if np.isnan(value):
             raise InputError(
-                f"the {end} of {trajectory.name} at {_shown(place)} lies outside the scan; check the coordinates "
+                f"the {end} of {trajectory.name} at LPS {place(end_mm)} lies outside the scan; check the coordinates "
                 "(LPS or RAS?)"
             )
     if values[1] < SKIN_HU:
         raise InputError(
-            f"the target of {trajectory.name} at {_shown(trajectory.target_mm)} lies in air ({values[1]:.0f} HU); "
+            f"the target of {trajectory.name} at LPS {place(trajectory.target_mm)} lies in air ({values[1]:.0f} HU); "
             "choose a place in the head"
         )
     crossings = find_crossings(head, trajectory.target_mm, -trajectory.inward)
@@ -188,12 +189,12 @@ def check_ends(trajectory: Trajectory, head: Head) -> Crossings:
         outside = trajectory.length_mm - crossings.scalp.reach_mm
         if outside > ENTRY_TOLERANCE_MM:
             raise InputError(
-                f"the entry of {trajectory.name} at {_shown(trajectory.entry_mm)} lies in air, {outside:.1f} mm "
+                f"the entry of {trajectory.name} at LPS {place(trajectory.entry_mm)} lies in air, {outside:.1f} mm "
                 "outside the scalp; choose a place on the scalp"
             )
     elif values[0] < SKIN_HU:
         raise InputError(
-            f"the entry of {trajectory.name} at {_shown(trajectory.entry_mm)} lies in air; "
+            f"the entry of {trajectory.name} at LPS {place(trajectory.entry_mm)} lies in air; "
             "choose a place on the scalp"
         )
     return crossings
@@ -236,7 +237,3 @@ def _angle_deg(surface: Surface | None, inward: FloatArray) -> float | None:
         return None
     across = float(np.linalg.norm(np.cross(surface.normal, inward)))
     return float(np.degrees(np.arctan2(across, abs(float(surface.normal @ inward)))))
-
-
-def _shown(place_mm: FloatArray) -> str:
-    return "LPS (" + ", ".join(f"{value:.1f}" for value in place_mm) + ")"
