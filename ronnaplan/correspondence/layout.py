@@ -23,7 +23,7 @@ from ronnaplan.correspondence.evidence import (
 )
 from ronnaplan.correspondence.exact import LISTED_NATS
 from ronnaplan.correspondence.graph import distances
-from ronnaplan.correspondence.inputs import check_probability, checked_points
+from ronnaplan.correspondence.inputs import MIRROR, check_probability, checked_points
 from ronnaplan.correspondence.pairing import LEAST_PROBABILITY, IntArray
 from ronnaplan.correspondence.rivals import LEAST_REGULAR
 from ronnaplan.errors import InputError
@@ -35,8 +35,6 @@ MOST_LAYOUT_POINTS = 32
 
 MOST_LAYOUT_VISITS = 1_000_000
 """Orders tried before the search stops with the nearest rival found so far."""
-
-MIRROR = np.array([-1.0, 1.0, 1.0])
 
 QUADRATURE_STEPS = 60
 LOWEST_SIGMAS = 2.4

@@ -15,7 +15,7 @@ from ronnaplan.bounds import LARGEST_HU
 from ronnaplan.ct.files import DamagedError, open_regular
 from ronnaplan.ct.image_header import ImageHeader, StoredVoxels
 from ronnaplan.ct.limits import are_hu, fit_int16
-from ronnaplan.ct.pixels import Voxels
+from ronnaplan.ct.volume import Voxels
 
 _ZLIB_OR_GZIP: Final = 32 + zlib.MAX_WBITS
 _READ_AT_ONCE_BYTES: Final = 1 << 20

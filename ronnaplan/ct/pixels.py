@@ -13,10 +13,10 @@ from ronnaplan.ct.codecs import decode
 from ronnaplan.ct.header import DEFLATED_LITTLE, deflated_part, inflate
 from ronnaplan.ct.limits import Limits, are_hu
 from ronnaplan.ct.slices import FLOAT_BYTES, PixelFormat, SliceImage, Stored
+from ronnaplan.ct.volume import Voxels
 from ronnaplan.errors import InputError
 
 INT16: Final = np.iinfo(np.int16)
-Voxels = NDArray[np.int16] | NDArray[np.float32]
 
 
 class DoesNotFitError(Exception):

@@ -18,7 +18,6 @@ from ronnaplan.ct.limits import DEFAULT_LIMITS, GIB, Limits
 from ronnaplan.ct.pixels import (
     INT16,
     DoesNotFitError,
-    Voxels,
     has_bits_above,
     may_be_int16,
     may_be_unsigned,
@@ -28,7 +27,7 @@ from ronnaplan.ct.progress import Progress, advancing
 from ronnaplan.ct.scale import AIR_ABOVE_HU, doubts_of_scale
 from ronnaplan.ct.scratch import Scratch, one_by_one
 from ronnaplan.ct.slices import CT_ONLY, CT_OR_MR, SliceImage
-from ronnaplan.ct.volume import CTVolume, SeriesSource, VolumeFlag
+from ronnaplan.ct.volume import CTVolume, SeriesSource, VolumeFlag, Voxels
 from ronnaplan.errors import InputError
 from ronnaplan.threads import cores, in_threads
 

@@ -13,9 +13,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.ct.pixels import Voxels
 from ronnaplan.ct.scratch import one_by_one
-from ronnaplan.ct.volume import VolumeFlag
+from ronnaplan.ct.volume import VolumeFlag, Voxels
 
 AIR_BELOW_HU: Final = -500.0
 """A head is scanned in air, which is lower than this in every scan, and never so in values that are offset."""

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from ronnaplan.figures import Picture
 
 
+Voxels = NDArray[np.int16] | NDArray[np.float32]
+"""HU (slice, row, column), or a part of them."""
+
 INDEX_DIGITS = 6
 """Voxel indices are rounded to so many digits, so that the outermost voxels are not outside of their grid."""
 
@@ -177,7 +180,7 @@ class CTVolume(Gridded):
     did not measure (padding, outside the circle of reconstruction) hold ``padding_hu``.
     """
 
-    voxels_hu: NDArray[np.int16] | NDArray[np.float32]
+    voxels_hu: Voxels
     grid: SliceGrid
     source: SeriesSource = field(default_factory=SeriesSource)
     padding_hu: float | None = None

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
+from ronnaplan.ct.volume import Voxels
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import layers
 from ronnaplan.planning.head import SKIN_HU
 from ronnaplan.planning.layers import BONE_HU, COVER_MM, LONGEST_WAY_MM, STEP_MM
 from ronnaplan.planning.sampling import AIR_HU
 
-Voxels = NDArray[np.int16] | NDArray[np.float32]
 IntArray = NDArray[np.int64]
 
 AIR_IN_HEAD_HU = -300.0

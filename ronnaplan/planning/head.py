@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.ct.volume import CTVolume
+from ronnaplan.ct.volume import CTVolume, Voxels
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning.sampling import AIR_HU, SliceSampler
@@ -76,7 +76,7 @@ class Head:
         return self.volume.grid.positions_mm(np.stack([k, j * self.cell + half, i * self.cell + half], axis=-1))
 
 
-def _tissue(plane: NDArray[np.int16] | NDArray[np.float32], cell: int, scan: SliceSampler) -> NDArray[np.bool_]:
+def _tissue(plane: Voxels, cell: int, scan: SliceSampler) -> NDArray[np.bool_]:
     """Whether each coarse cell (J', I') of a slice is tissue, narrow things left out."""
     import cv2
 

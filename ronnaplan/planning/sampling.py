@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.ct.volume import CTVolume
+from ronnaplan.ct.volume import CTVolume, Voxels
 from ronnaplan.geometry import FloatArray
 
 AIR_HU = -1024.0
@@ -28,7 +28,7 @@ class SliceSampler:
     column and row spacing.
     """
 
-    voxels: NDArray[np.int16] | NDArray[np.float32]
+    voxels: Voxels
     axes: FloatArray
     origins_uv_mm: FloatArray
     w_mm: FloatArray

@@ -42,10 +42,8 @@ HEADS_MM: FloatArray = np.array(
 )
 """(3, 8, 3) Eight adhesive markers on three heads, LPS mm about the head's center.
 
-Drawn at random over the scalp of an ellipsoid of 152 x 196, 142 x 182 and 160 x 202 mm, 6 mm above the skin, at
-least
-35 mm apart, with markers on both sides and in front and none on the face; of 100 such layouts a head, the one
-that is
+Drawn at random over the scalp of an ellipsoid of 152 x 196, 142 x 182 and 160 x 202 mm, 6 mm above the skin, at least
+35 mm apart, with markers on both sides and in front and none on the face; of 100 such layouts a head, the one that is
 harder to confuse than four in five."""
 
 X_FRAME_MM: FloatArray = np.array(

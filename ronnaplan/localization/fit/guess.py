@@ -19,6 +19,7 @@ from ronnaplan.localization.fit.parameters import (
     PARAMETERS,
     RADIUS,
     SHAPE,
+    SHAPED,
     SLOPES,
     STREAK_PARAMETERS,
     WIDTH,
@@ -136,7 +137,7 @@ def ball_prior(start: FloatArray, build: Build, *, is_clipped: bool) -> Prior:
 def frozen(prior: Prior, start: FloatArray) -> Prior:
     """Hold radius, blur and the profile at their first guesses, so that the center finds its place first."""
     weight = prior.weight.copy()
-    weight[RADIUS : SHAPE + 1] = FROZEN_WEIGHT
+    weight[RADIUS:SHAPED] = FROZEN_WEIGHT
     return replace(prior, mean=np.where(weight == FROZEN_WEIGHT, start, prior.mean), weight=weight)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
-from ronnaplan.ct.volume import CTVolume
+from ronnaplan.ct.volume import CTVolume, Voxels
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.algebra import quantile
 from ronnaplan.threads import in_parts
@@ -48,8 +48,6 @@ OF_A_WAVE = 3
 
 LOWEST, FREQUENCIES = 0.08, 400
 """Waves from this many to half a period for each slice are looked for."""
-
-Voxels = NDArray[np.int16] | NDArray[np.float32]
 
 
 def noise_beats(volume: CTVolume) -> bool:

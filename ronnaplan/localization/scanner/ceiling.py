@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from ronnaplan.ct.pixels import Voxels
 from ronnaplan.ct.scratch import one_by_one
+from ronnaplan.ct.volume import Voxels
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.threads import in_parts

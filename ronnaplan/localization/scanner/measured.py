@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.ct.scratch import let_go
-from ronnaplan.ct.volume import CTVolume, VolumeFlag
+from ronnaplan.ct.volume import CTVolume, VolumeFlag, Voxels
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.threads import in_parts
@@ -44,8 +44,6 @@ UNEVEN, AT_AN_END = 0.05, 2
 """Measured slices lie as far apart as is usual, to this share of it. So many at either end may lie closer, which were
 computed from slices that are not there. Where others do not, not all were told from computed ones, and the scan is left
 as it is: a mixture of both would show markers through different profiles."""
-
-Voxels = NDArray[np.int16] | NDArray[np.float32]
 
 
 @dataclass(frozen=True)

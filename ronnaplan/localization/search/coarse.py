@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.ct.grid import SliceGrid
-from ronnaplan.ct.volume import CTVolume
+from ronnaplan.ct.volume import CTVolume, Voxels
 from ronnaplan.threads import in_parts
 
 COARSE_SHARE = 1.0 / 5.0
@@ -24,7 +24,6 @@ HIGHEST_HU = 32767
 AIR_HU = -1024
 """Values below air are not physical (padding, the corners of the picture) and are raised to it."""
 
-Voxels = NDArray[np.int16] | NDArray[np.float32]
 Blocks = tuple[int, int, int]
 """How many slices, rows and columns of a scan make one voxel of its copy."""
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
-from ronnaplan.ct.volume import CTVolume
+from ronnaplan.ct.volume import CTVolume, Voxels
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build
 from ronnaplan.localization.fit.algebra import ranked
@@ -119,7 +119,7 @@ def metal_beyond(
     return places @ axes, of_metal
 
 
-Lookup = tuple[NDArray[np.int16] | NDArray[np.float32], FloatArray, FloatArray, float]
+Lookup = tuple[Voxels, FloatArray, FloatArray, float]
 """A scan's voxels, its slices' origins (K, 3) along u, v, w, the distances of columns and rows, and the padding."""
 
 
@@ -139,7 +139,7 @@ def _metal_beyond(
     beside: FloatArray,
     clear: float,
     least: float,
-    voxels: NDArray[np.int16] | NDArray[np.float32],
+    voxels: Voxels,
     origins: FloatArray,
     steps: FloatArray,
     padding: float,
@@ -176,7 +176,7 @@ def _fallen(
     outer: FloatArray,
     per_thickness: FloatArray,
     least: float,
-    voxels: NDArray[np.int16] | NDArray[np.float32],
+    voxels: Voxels,
     origins: FloatArray,
     steps: FloatArray,
     padding: float,
@@ -240,7 +240,7 @@ def _known(values: FloatArray, known: FloatArray) -> int:
 def fill_nearest(
     place: FloatArray,
     offsets: FloatArray,
-    voxels: NDArray[np.int16] | NDArray[np.float32],
+    voxels: Voxels,
     origins: FloatArray,
     steps: FloatArray,
     padding: float,
