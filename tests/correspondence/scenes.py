@@ -8,21 +8,11 @@ from scipy.spatial.transform import Rotation
 
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.geometry import FloatArray
+from ronnaplan.studies.heads import HEADS_MM
 
 SIGMA_CT, SIGMA_OTS = 0.56, 0.17
 
-HEAD = np.array(
-    [
-        [21.5, -90.8, 40.3],
-        [48.2, -56.1, 58.9],
-        [-41.7, -52.4, 68.3],
-        [68.5, -46.9, 30.3],
-        [-63.7, 8.3, 61.1],
-        [16.9, 59.1, 78.1],
-        [66.1, 60.5, 9.5],
-        [-28.9, 92.5, 28.3],
-    ]
-)
+HEAD = HEADS_MM[0]
 
 
 def scene(
