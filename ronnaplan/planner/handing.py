@@ -172,7 +172,7 @@ class Handing:
 
 
 def _require_readings(name: str, content: bytes | bytearray) -> None:
-    from ronnaplan.tracking import BEGINNING_BYTES, may_hold_readings
+    from ronnaplan.tracking.readers import BEGINNING_BYTES, may_hold_readings
 
     if not may_hold_readings(name, bytes(content[:BEGINNING_BYTES])):
         raise UsageError(

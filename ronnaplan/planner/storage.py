@@ -188,7 +188,7 @@ def _begins_as_readings(file: Path) -> bool:
 @lru_cache(maxsize=4096)
 def _seems_readings(file: Path, changed_ns: int, size: int) -> bool:
     from ronnaplan.documents.plan_exchange import CONTACTS_HEADER
-    from ronnaplan.tracking import BEGINNING_BYTES, may_hold_readings
+    from ronnaplan.tracking.readers import BEGINNING_BYTES, may_hold_readings
 
     with file.open("rb") as stream:
         beginning = stream.read(BEGINNING_BYTES)

@@ -1,6 +1,5 @@
 from .frames import labelled_frames as labelled_frames
-from .readers import BEGINNING_BYTES as BEGINNING_BYTES, READERS as READERS
-from .readers import may_hold_readings as may_hold_readings, read_recording as read_recording
+from .readers import READERS as READERS, read_recording as read_recording
 from .recording import PointReading as PointReading, Recording as Recording, ToolReading as ToolReading
 from .stray import MarkerFlag as MarkerFlag, MarkerReadings as MarkerReadings
 from .stray import TrackedMarker as TrackedMarker, find_markers as find_markers
