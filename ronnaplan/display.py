@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ronnaplan.errors import InputError, UsageError
+from ronnaplan.errors import InputError
+from ronnaplan.extras import library_of_arrays
 
 if TYPE_CHECKING:
     from ronnaplan.figures import Head, Picture
@@ -61,13 +62,9 @@ class Shown(Sequence[Item], Generic[Item]):
 
     def to_dataframe(self) -> Any:
         """Return a pandas.DataFrame with a row for each item; raises `UsageError` where pandas is not installed."""
-        try:
-            pandas = import_module("pandas")
-        except ModuleNotFoundError as error:
-            raise UsageError(
-                "pandas is not installed; run 'pip install pandas', or install ronnaplan[arrays]"
-            ) from error
-        return pandas.DataFrame({name: list(values) for name, values in self._columns().items()})
+        return library_of_arrays("pandas").DataFrame(
+            {name: list(values) for name, values in self._columns().items()}
+        )
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the line, the table, the picture."""

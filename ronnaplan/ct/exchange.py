@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.errors import InputError, UsageError
+from ronnaplan.extras import library_of_arrays
 from ronnaplan.geometry import FloatArray
 
 Values = NDArray[Any]
@@ -52,14 +53,14 @@ def to_sitk(values: Values, affine: FloatArray) -> Any:
 
 def to_nibabel(values: Values, affine: FloatArray) -> Any:
     """Return a nibabel NIfTI-1 image, (i, j, k) in RAS mm as that library has it; needs nibabel."""
-    nibabel = _imported("nibabel")
+    nibabel = library_of_arrays("nibabel")
     of_ijk = affine[:, [2, 1, 0, 3]]
     return nibabel.Nifti1Image(np.ascontiguousarray(values.transpose(2, 1, 0)), RAS_FROM_LPS @ of_ijk)
 
 
 def to_pyvista(values: Values, affine: FloatArray, name: str) -> Any:
     """Return a PyVista image whose points are the voxels' centers in LPS mm; needs pyvista."""
-    pyvista = _imported("pyvista")
+    pyvista = library_of_arrays("pyvista")
     spacing_mm, directions = _orthogonal(affine)
     image = pyvista.ImageData(
         dimensions=values.shape[::-1],
@@ -74,7 +75,7 @@ def to_pyvista(values: Values, affine: FloatArray, name: str) -> Any:
 def to_xarray(values: Values, affine: FloatArray, name: str, unit: str) -> Any:
     """Return an xarray.DataArray over (k, j, i), the affine in its attributes; needs xarray."""
     attributes = {"units": unit, "coordinate_system": "LPS", "lps_from_kji": affine.tolist()}
-    return _imported("xarray").DataArray(values, dims=("k", "j", "i"), name=name, attrs=attributes)
+    return library_of_arrays("xarray").DataArray(values, dims=("k", "j", "i"), name=name, attrs=attributes)
 
 
 def _orthogonal(affine: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -86,14 +87,3 @@ def _orthogonal(affine: FloatArray) -> tuple[FloatArray, FloatArray]:
             "the slices are shifted against each other (a tilted gantry); expected a grid of right angles"
         )
     return spacing_mm, directions
-
-
-def _imported(name: str) -> Any:
-    from importlib import import_module
-
-    try:
-        return import_module(name)
-    except ModuleNotFoundError as error:
-        raise UsageError(
-            f"{name} is not installed; run 'pip install {name}', or install ronnaplan[arrays]"
-        ) from error
