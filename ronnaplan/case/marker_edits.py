@@ -43,9 +43,7 @@ def accept(document: FiducialsDocument, index: int) -> FiducialsDocument:
     Raises `RefusedError` for a candidate that the localizer rejected: it has no covariance, and a position without
     one is not used.
     """
-    if not 0 <= index < len(document.rejected):
-        raise UsageError(f"there is no rejected candidate {index}; there are {len(document.rejected)}")
-    entry = document.rejected[index]
+    entry = candidate(document, index)
     marker = entry.marker
     if marker is None:
         raise RefusedError(
@@ -95,6 +93,13 @@ def carried_over(
 
 def _unlabelled(document: FiducialsDocument) -> list[FiducialEntry]:
     return [one.model_copy(update={"label": ""}) for one in document.fiducials]
+
+
+def candidate(document: FiducialsDocument, index: int) -> RejectedEntry:
+    """Return a rejected candidate by its place in their list; raises `UsageError` where there is none."""
+    if not 0 <= index < len(document.rejected):
+        raise UsageError(f"there is no rejected candidate {index}; there are {len(document.rejected)}")
+    return document.rejected[index]
 
 
 def named(document: FiducialsDocument, label: str) -> FiducialEntry:

@@ -141,10 +141,7 @@ class PlannerState:
 
     def jump_to_rejected(self, index: int) -> None:
         """Put the crosshair at a rejected candidate."""
-        rejected = self.case.found.rejected
-        if not 0 <= index < len(rejected):
-            raise UsageError(f"there is no rejected candidate {index}; there are {len(rejected)}")
-        self.look.show(rejected[index].center)
+        self.look.show(marker_edits.candidate(self.case.found, index).center)
 
     @property
     def landmarks_mm(self) -> dict[str, FloatArray]:
