@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import logging
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ronnaplan.cli.output import tell
 from ronnaplan.cli.values import whole
 
 if TYPE_CHECKING:
@@ -57,20 +57,18 @@ def run(arguments: argparse.Namespace) -> int:
             again=arguments.again,
             progress=True,
         )
-    print(_told(counts, arguments.output), file=sys.stderr)
+    tell(_told(counts, arguments.output))
     return 0
 
 
 def _init(path: str | None) -> int:
     from ronnaplan.cohort.rules import EXAMPLE
-    from ronnaplan.documents.files import write_atomically
+    from ronnaplan.documents.files import write_new
     from ronnaplan.errors import UsageError
 
     if path is None:
         raise UsageError("--init needs --rules FILE, the file to write")
-    if Path(path).exists():
-        raise UsageError(f"{path} is there already; name a new file")
-    write_atomically(path, EXAMPLE)
+    write_new(path, EXAMPLE)
     return 0
 
 

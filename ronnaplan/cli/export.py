@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from ronnaplan.cli.output import library_warnings, warn
+from ronnaplan.cli.output import library_warnings, tell, warn
 
 HELP = (
     "Turn fiducials or a registration into markups, CSV, DICOM, an ITK transform, ROS or a map of the expected error, "
@@ -140,5 +140,5 @@ def _deidentify(arguments: argparse.Namespace) -> int:
             )
     count = deidentify(arguments.file, arguments.output, secret)
     files = "1 file" if count == 1 else f"{count} files"
-    print(f"{files}, naming nobody, in {arguments.output}", file=sys.stderr)
+    tell(f"{files}, naming nobody, in {arguments.output}")
     return 0

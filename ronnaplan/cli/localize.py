@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ronnaplan.cli.output import warn
+from ronnaplan.cli.output import tell, warn
 from ronnaplan.cli.values import diameters, whole
 
 if TYPE_CHECKING:
@@ -125,11 +124,11 @@ def _localize_one(arguments: argparse.Namespace, wanted: _Wanted) -> None:
         raise SeveralSeriesError(f"{error}; --all-series does them all") from error
     found = _localized(volume, wanted, arguments.report)
     require_count(found, wanted.expected, volume, progress=True)
-    print(_summary(found), file=sys.stderr)
+    tell(_summary(found))
     if found.distortion is not None:
         warn(found.distortion)
     for line in _other_sizes(volume, found):
-        print(f"ronnaplan: {line}", file=sys.stderr)
+        tell(f"ronnaplan: {line}")
     _write(arguments.output, found)
 
 
@@ -163,7 +162,7 @@ class _Steps:
 
         require_count(found, self.wanted.expected, volume, progress=True)
         for line in _other_sizes(volume, found):
-            print(f"{job.name}: {line}", file=sys.stderr)
+            tell(f"{job.name}: {line}")
         name = f"{job.name}.fiducials.json"
         _write(str(self.folder / name), found)
         return name
@@ -174,7 +173,7 @@ def _read(path: str, series: str | None, name: str = "ronnaplan: ") -> CTVolume:
 
     volume = read_ct(path, series, progress=True)
     for flag in volume.flags:
-        print(f"{name}warning: {flag}", file=sys.stderr)
+        tell(f"{name}warning: {flag}")
     return volume
 
 

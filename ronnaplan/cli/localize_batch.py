@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
-import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
+from ronnaplan.cli.output import tell
 from ronnaplan.errors import InputError, RonnaplanError
 from ronnaplan.text import LONGEST_SENTENCE, printable
 
@@ -112,7 +112,7 @@ def localize_all(jobs: Sequence[Job], folder: Path, steps: Steps) -> int:
     outcomes = []
     for job in jobs:
         outcome = _outcome(job, steps)
-        print(f"{job.name}: {outcome.message}", file=sys.stderr)
+        tell(f"{job.name}: {outcome.message}")
         outcomes.append(outcome)
     document = {"format": SUMMARY_FORMAT, "version": 1, "unit": "mm", "scans": [asdict(one) for one in outcomes]}
     write_atomically(folder / "summary.json", plain_json(document))

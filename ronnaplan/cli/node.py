@@ -21,16 +21,12 @@ def run(arguments: argparse.Namespace) -> int:
     import signal
     import threading
 
-    from ronnaplan.errors import UsageError
-
     path = Path(arguments.config)
     if arguments.init:
-        from ronnaplan.documents.files import write_atomically
+        from ronnaplan.documents.files import write_new
         from ronnaplan.node.config import EXAMPLE
 
-        if path.exists():
-            raise UsageError(f"{path} is there already; name a new file")
-        write_atomically(path, EXAMPLE)
+        write_new(path, EXAMPLE)
         return 0
     require_packages("the node", "node", "pynetdicom", "highdicom", "dicomweb_client")
     from ronnaplan.node.hub import run_node

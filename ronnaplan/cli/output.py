@@ -117,10 +117,15 @@ def _cannot_write(error: OSError) -> InputError:
     return InputError(f"cannot write to standard output: {error.strerror}; name a file with -o, or make room")
 
 
+def tell(*lines: str) -> None:
+    """Say on standard error what was found."""
+    for line in lines:
+        print(line, file=sys.stderr)
+
+
 def warn(*sentences: str) -> None:
     """Say on standard error what a person should know beside the result."""
-    for sentence in sentences:
-        print(f"ronnaplan: warning: {sentence}", file=sys.stderr)
+    tell(*(f"ronnaplan: warning: {sentence}" for sentence in sentences))
 
 
 @contextmanager

@@ -6,6 +6,7 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
+from ronnaplan.cli.output import tell
 from ronnaplan.cli.values import number, whole
 
 if TYPE_CHECKING:
@@ -85,10 +86,9 @@ def run(arguments: argparse.Namespace) -> int:
         )
     except PhantomError as error:
         raise InputError(str(error)) from error
-    print(
+    tell(
         f"wrote {len(examination.stack)} slices and truth.json with {len(examination.scene.markers)} markers "
-        f"to {arguments.output}",
-        file=sys.stderr,
+        f"to {arguments.output}"
     )
     return 0
 
@@ -153,7 +153,7 @@ def _warn(examination: Examination) -> None:
     stack, markers = examination.stack, examination.scene.markers
     cut = [marker.label for marker in markers if not stack.holds_whole(marker.center_mm, marker.diameter_mm)]
     if cut:
-        print(f"ronnaplan: not whole in the scan (flagged in truth.json): {', '.join(cut)}", file=sys.stderr)
+        tell(f"ronnaplan: not whole in the scan (flagged in truth.json): {', '.join(cut)}")
 
 
 def _list() -> int:

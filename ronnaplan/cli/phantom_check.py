@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import TYPE_CHECKING
 
+from ronnaplan.cli.output import tell
 from ronnaplan.cli.values import sigma_mm
 
 if TYPE_CHECKING:
@@ -66,13 +66,13 @@ def run(arguments: argparse.Namespace) -> int:
             if len(arguments.paths) == 1:
                 raise
             failures.append(error)
-            print(f"{path}: {error}", file=sys.stderr)
+            tell(f"{path}: {error}")
         else:
-            print(_told(scans[-1]), file=sys.stderr)
+            tell(_told(scans[-1]))
     if not scans:
         raise failures[0]
     if len(scans) > 1:
-        print(_told_together(scans), file=sys.stderr)
+        tell(_told_together(scans))
     write_result(arguments.output, to_json(phantom_check_document(phantom, scans)))
     bad = len(failures) + sum(bool(one.reasons) for one in scans)
     if bad:

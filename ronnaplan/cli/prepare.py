@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import TYPE_CHECKING
+
+from ronnaplan.cli.output import tell
 
 if TYPE_CHECKING:
     from ronnaplan.ct import CTVolume
@@ -30,14 +31,14 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(
             "what is compiled cannot be kept; name a folder that may be written to by NUMBA_CACHE_DIR"
         )
-    print("compiling, once for this version and machine ...", file=sys.stderr)
+    tell("compiling, once for this version and machine ...")
     found = localize(made_scan(), diameter_mm=DIAMETER_MM, expected=len(MARKERS_MM))
     describe_layout(found.centers).refusal_probability()
     both = found.centers, found.centers[::-1].copy()
     match_points(*both, covariances_ct_mm2=found.covariances, covariances_ots_mm2=found.covariances)
     place_robot()
     see_sphere()
-    print("done: localize, register, robot place and relocate start without compiling", file=sys.stderr)
+    tell("done: localize, register, robot place and relocate start without compiling")
     return 0
 
 

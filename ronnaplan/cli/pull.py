@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import sys
 
+from ronnaplan.cli.output import tell
 from ronnaplan.cli.peers import PEER, peer_of, with_config
 from ronnaplan.cli.values import whole
 
@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
         folder = arguments.output or made
         then = None if arguments.localize is None else parse(["localize", folder, *arguments.localize])
         count = _fetch(arguments, folder)
-        print(f"{count} instances" + ("" if arguments.output is None else f" in {folder}"), file=sys.stderr)
+        tell(f"{count} instances" + ("" if arguments.output is None else f" in {folder}"))
         return 0 if then is None else int(then.run(then))
 
 

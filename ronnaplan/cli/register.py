@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ronnaplan.cli.case_options import with_sigmas
-from ronnaplan.cli.output import warn
+from ronnaplan.cli.output import tell, warn
 from ronnaplan.cli.values import number as any_number
 from ronnaplan.cli.values import whole
 from ronnaplan.sigmas import SIGMA_CT_MM
@@ -80,9 +79,9 @@ def run(arguments: argparse.Namespace) -> int:
         known_pairs=known,
     )
     warn(*registered.notes)
-    print(_counted(arguments), file=sys.stderr)
+    tell(_counted(arguments))
     document = registration_document(registered, fiducials.source, targets, notes)
-    print(registration_text(document), file=sys.stderr)
+    tell(registration_text(document))
     write_document(arguments.output, document, read_registration)
     if document.status != "unique":
         raise RefusedError(document.reason)

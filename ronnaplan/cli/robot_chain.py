@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import TYPE_CHECKING
 
 from ronnaplan.cli import GIVEN
 from ronnaplan.cli.case_options import with_sigma_ct, with_sigma_ots
-from ronnaplan.cli.output import warn
+from ronnaplan.cli.output import tell, warn
 from ronnaplan.cli.robot_options import other_tool, with_robot_sigmas, with_tool
 from ronnaplan.cli.values import sigma_mm, whole
 from ronnaplan.sigmas import SIGMA_GEOMETRY_MM
@@ -75,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     warn(*document.notes)
     write_document(arguments.output, document, read_chain)
     for share in document.shares:
-        print(f"{share.link:<24} {share.rms:.3f} mm RMS at the markers' middle", file=sys.stderr)
+        tell(f"{share.link:<24} {share.rms:.3f} mm RMS at the markers' middle")
     return 0
 
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from ronnaplan.cli.output import warn
+from ronnaplan.cli.output import tell, warn
 from ronnaplan.cli.values import number
 from ronnaplan.documents.robot_formats import ENDINGS, RobotFormat
 
@@ -81,11 +80,8 @@ def run(arguments: argparse.Namespace) -> int:
     warn(*chain.notes, *_doubts(arguments, trajectories))
     for one in trajectories:
         entry, target = one.expected_errors_mm
-        print(
-            f"{one.name}: expected error {entry:.3f} mm RMS at the entry, {target:.3f} at the target",
-            file=sys.stderr,
-        )
-    print(NOTICE, file=sys.stderr)
+        tell(f"{one.name}: expected error {entry:.3f} mm RMS at the entry, {target:.3f} at the target")
+    tell(NOTICE)
     return 0
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable, Sequence
 
-from ronnaplan.cli.output import warn
-from ronnaplan.cli.robot_options import RECORDED, calibrated_tool, other_tool, tell, with_output, with_tool, worth
+from ronnaplan.cli.output import tell, warn
+from ronnaplan.cli.robot_options import RECORDED, calibrated_tool, other_tool, with_output, with_tool, worth
 
 HELP = "Find M from TCP (and R from OTS) from simultaneous poses of tracker and robot."
 

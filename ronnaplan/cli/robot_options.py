@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import TYPE_CHECKING
 
 from ronnaplan.cli.case_options import Declares
@@ -100,9 +99,3 @@ def worth(what: str, covariances: FloatArray) -> str:
 def rms(covariance: FloatArray) -> float:
     """Return the root-mean-square error (mm) of a place of ``covariance`` (3, 3)."""
     return float(sum(covariance[axis, axis] for axis in range(3)) ** 0.5)
-
-
-def tell(*lines: str) -> None:
-    """Say what was found on standard error."""
-    for line in lines:
-        print(line, file=sys.stderr)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from ronnaplan.cli.output import warn
-from ronnaplan.cli.robot_options import RECORDED, calibrated_tool, tell, with_output, with_tool
+from ronnaplan.cli.output import tell, warn
+from ronnaplan.cli.robot_options import RECORDED, calibrated_tool, with_output, with_tool
 
 HELP = "Find a tool's tip from poses about a divot, with its covariance."
 

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from ronnaplan.cli.output import warn
+from ronnaplan.cli.output import tell, warn
 from ronnaplan.cli.values import held, number
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def run(arguments: argparse.Namespace) -> int:
     document = placement_document(
         found, room, arm, _source(case), case.plan, markers=_markers(case), parked=parked, notes=notes
     )
-    print(placement_text(document), file=sys.stderr)
+    tell(placement_text(document))
     write_document(arguments.output, document, read_placement)
     if document.status == "blocked":
         raise RefusedError("no place serves every task; " + document.blocked[0])

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from ronnaplan.cli.output import warn
-from ronnaplan.cli.robot_options import degrees, read_looks, rms, size_mm, tell, with_output, with_robot_sigmas
+from ronnaplan.cli.output import tell, warn
+from ronnaplan.cli.robot_options import degrees, read_looks, rms, size_mm, with_output, with_robot_sigmas
 from ronnaplan.sigmas import LARGEST_STATED_MM, SIGMA_LAMP_DEG
 
 HELP = "Find the markers again in the cameras' images, in the robot's coordinates."

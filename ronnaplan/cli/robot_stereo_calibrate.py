@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from ronnaplan.cli.output import warn
-from ronnaplan.cli.robot_options import read_looks, size_mm, tell, with_output, worth
+from ronnaplan.cli.output import tell, warn
+from ronnaplan.cli.robot_options import read_looks, size_mm, with_output, worth
 from ronnaplan.cli.values import number
 from ronnaplan.sigmas import SIGMA_SQUARE
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from ronnaplan.cli import GIVEN
 from ronnaplan.cli.case_options import with_server, with_sigma_ots
-from ronnaplan.cli.output import ended_gently
-from ronnaplan.cli.robot_options import rms, tell, with_output, with_robot_sigmas, with_tool
+from ronnaplan.cli.output import ended_gently, tell, warn
+from ronnaplan.cli.robot_options import rms, with_output, with_robot_sigmas, with_tool
 from ronnaplan.cli.values import seconds, sigma_mm
 from ronnaplan.sigmas import SIGMA_GEOMETRY_MM
 
@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
             seconds=arguments.seconds,
             resting=() if arguments.robot_device is None else (arguments.robot_device,),
         ):
-            tell(*(f"ronnaplan: warning: {note}" for note in recording.notes))
+            warn(*recording.notes)
             ended = recording.end is not None
             if not ended and not recording.points and not recording.tools and last is not None:
                 continue  # the time is up, and what the last whole moment told still stands

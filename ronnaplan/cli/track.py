@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import TYPE_CHECKING
 
 from ronnaplan.cli.case_options import with_server, with_sigma_ots
-from ronnaplan.cli.output import ended_gently
+from ronnaplan.cli.output import ended_gently, tell, warn
 from ronnaplan.cli.values import seconds
 
 if TYPE_CHECKING:
@@ -52,29 +51,26 @@ def run(arguments: argparse.Namespace) -> int:
         registered.require_tracker()
     recording = record(arguments.host, arguments.port, seconds=arguments.seconds)
     write_result(arguments.output, write_csv(recording))
-    for note in recording.notes:
-        print(f"ronnaplan: warning: {note}", file=sys.stderr)
+    warn(*recording.notes)
     flagged = recording.flagged()
     for reason, count in list(flagged.items())[:MOST_TOLD]:
-        print(f"ronnaplan: {count} readings flagged: {reason}", file=sys.stderr)
+        tell(f"ronnaplan: {count} readings flagged: {reason}")
     if len(flagged) > MOST_TOLD:
-        print(f"ronnaplan: readings flagged for {len(flagged) - MOST_TOLD} more reasons", file=sys.stderr)
+        tell(f"ronnaplan: readings flagged for {len(flagged) - MOST_TOLD} more reasons")
     if registered is not None:
-        print(movement(recording, registered, arguments.sigma_ots), file=sys.stderr)
+        tell(movement(recording, registered, arguments.sigma_ots))
     try:
         found = find_markers(recording, sigma_mm=arguments.sigma_ots)
     except InputError as error:
-        print(f"ronnaplan: warning: {error}", file=sys.stderr)
+        warn(str(error))
         return 0
-    print(f"{len(found.markers)} markers in {found.frames} frames", file=sys.stderr)
+    tell(f"{len(found.markers)} markers in {found.frames} frames")
     for marker in found.markers[:MOST_TOLD]:
         x, y, z = marker.position_mm
         doubts = "".join(f"; {flag}" for flag in marker.flags)
-        print(
-            f"{marker.label:<12} {x:9.2f} {y:9.2f} {z:9.2f}  {marker.readings} readings{doubts}", file=sys.stderr
-        )
+        tell(f"{marker.label:<12} {x:9.2f} {y:9.2f} {z:9.2f}  {marker.readings} readings{doubts}")
     if len(found.markers) > MOST_TOLD:
-        print(f"and {len(found.markers) - MOST_TOLD} more", file=sys.stderr)
+        tell(f"and {len(found.markers) - MOST_TOLD} more")
     return 0
 
 

@@ -218,6 +218,13 @@ def require_ending(path: str | os.PathLike[str], kind: str, endings: tuple[str, 
         )
 
 
+def write_new(path: str | os.PathLike[str], text: str) -> None:
+    """Write ``text`` to a file that was not there; raises `UsageError` where one was."""
+    if Path(path).exists():
+        raise UsageError(f"{os.fspath(path)} is there already; name a new file")
+    write_atomically(path, text)
+
+
 def write_result(path: str | None, text: str) -> None:
     """Write ``text`` to the file named by ``-o``, or to standard output when there is none."""
     if path is None:
