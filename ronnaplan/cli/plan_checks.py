@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import TYPE_CHECKING
 
-from ronnaplan.cli.output import warn
+from ronnaplan.cli.output import tell, warn
 from ronnaplan.cli.plan_inputs import (
     change_named,
     lps,
@@ -50,7 +49,7 @@ def run_check(arguments: argparse.Namespace) -> int:
     if all_pass(verdicts):
         return 0
     broken = sum(not verdict.passes for verdict in verdicts)
-    print(f"ronnaplan: {broken} of {len(verdicts)} limits are broken", file=sys.stderr)
+    tell(f"ronnaplan: {broken} of {len(verdicts)} limits are broken")
     return 3
 
 
