@@ -13,7 +13,7 @@ motion that cameras and boards share is none. `calibrate_tcp` finds that motion,
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -29,6 +29,14 @@ LOOKED_AT = 12, 10
 """At so many columns and rows of the left image it is looked at whether places are known."""
 UNTOLD = 1e-8
 """Fields of a lens that move corners less, of the most (squared), than the cameras cannot follow, are not told."""
+KEEP_TO_BOARDS = (
+    "bring the sphere nearer to where the calibration's boards were, or calibrate with more boards, larger in the "
+    "images and there, too"
+)
+MEASURE_SQUARES = (
+    "most of that is how well the side of the board's squares is known: measure the board over its whole length, and "
+    "calibrate anew with the side and its error (--square, --sigma-square)"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +88,20 @@ def errors_of(rig: StereoRig) -> CalibrationErrors | None:
     scaled = _scaled(rig, boards.rig_from_board @ np.append(grid.mean(axis=0), 1.0)) * boards.sigma_square
     field_px = boards.lens_px / float(np.sqrt(len(ORDERS)))
     return CalibrationErrors(noise + np.outer(scaled, scaled), told.followed[:CAMERAS], field_px)
+
+
+def with_exact_squares(rig: StereoRig) -> StereoRig:
+    """Return ``rig`` as if the side of its boards' squares were known."""
+    return rig if rig.boards is None else replace(rig, boards=replace(rig.boards, sigma_square=0.0))
+
+
+def remedy(rig: StereoRig, center_mm: FloatArray, radius_mm: float) -> str:
+    """Say what makes the cameras of ``rig`` know a sphere about ``center_mm`` (3,) better."""
+    whole, of_images = (
+        0.0 if errors is None else float(np.trace(errors.of_center(rig, center_mm, radius_mm)))
+        for errors in (errors_of(rig), errors_of(with_exact_squares(rig)))
+    )
+    return MEASURE_SQUARES if 2 * of_images < whole else KEEP_TO_BOARDS
 
 
 def known_share(rig: StereoRig, largest_mm: float) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, Points
 from ronnaplan.pose import Pose
-from ronnaplan.robot.calibration_errors import errors_of
+from ronnaplan.robot.calibration_errors import errors_of, remedy
 from ronnaplan.robot.camera import RIG, Camera, StereoRig
 from ronnaplan.robot.chain import TCP, to_frame
 from ronnaplan.robot.circles import Image
@@ -31,10 +31,6 @@ CONE_PX, CONE_SIZE = 10.0, 0.25
 """The same for cones that edges agree on: lines of sight may be off by so many pixels more, sizes by this."""
 CENTERS = np.array([0, 1, 3, 4])
 """Of the places in two images, those of the center."""
-KEEP_TO_BOARDS = (
-    "bring the sphere nearer to where the calibration's boards were, or calibrate with more boards, larger in the "
-    "images and there, too"
-)
 
 Found = TypeVar("Found", Cone, Outline)
 
@@ -109,11 +105,11 @@ def locate_sphere(
     if len(found) > 1:
         raise RefusedError(f"{len(found)} spheres of {diameter_mm:g} mm are seen by both cameras; expected one")
     require_linear((left, right), (rig.left, rig.right), (found[0].left, found[0].right))
-    _require_known(found[0], largest_mm)
+    _require_known(found[0], rig, diameter_mm, largest_mm)
     return found[0]
 
 
-def _require_known(sphere: StereoSphere, largest_mm: float) -> None:
+def _require_known(sphere: StereoSphere, rig: StereoRig, diameter_mm: float, largest_mm: float) -> None:
     """Raise `RefusedError` where the center of ``sphere`` is not known to ``largest_mm`` (RMS), and say why."""
     stated_mm, calibrated_mm = (
         float(np.sqrt(np.trace(one))) for one in (sphere.covariance_mm2, sphere.calibration_mm2)
@@ -123,7 +119,8 @@ def _require_known(sphere: StereoSphere, largest_mm: float) -> None:
     told = f"the sphere's center is known to {stated_mm:.4f} mm only; expected {largest_mm:g} mm or less: "
     if 2 * calibrated_mm**2 > stated_mm**2:
         raise RefusedError(
-            f"{told}by {calibrated_mm:.4f} mm the cameras' calibration leaves open where it is; {KEEP_TO_BOARDS}"
+            f"{told}by {calibrated_mm:.4f} mm the cameras' calibration leaves open where it is; "
+            f"{remedy(rig, sphere.position_mm, diameter_mm / 2)}"
         )
     raise RefusedError(
         f"{told}light the sphere evenly, brighter than what is behind it but not brighter than pixels get, let it rest "
@@ -148,7 +145,7 @@ def _left_open(
         if open_mm > largest_mm:
             return (
                 f": by {open_mm:.2g} mm the cameras' calibration leaves open where what looks most like one is in the "
-                f"{side} image; {KEEP_TO_BOARDS}"
+                f"{side} image; {remedy(rig, place, diameter_mm / 2)}"
             )
     return ""
 

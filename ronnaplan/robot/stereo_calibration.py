@@ -12,7 +12,7 @@ from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, as_points
 from ronnaplan.pose import Pose, adjoint, as_poses, as_stack, exponential, invert, rigid
 from ronnaplan.robot.board import grid_mm, quarters_apart, recounted, seen_by_both
-from ronnaplan.robot.calibration_errors import judged, known_share
+from ronnaplan.robot.calibration_errors import MEASURE_SQUARES, judged, known_share, with_exact_squares
 from ronnaplan.robot.calibration_fit import fitted
 from ronnaplan.robot.camera import RIG, Boards, Camera, StereoRig
 from ronnaplan.robot.chain import TCP
@@ -32,6 +32,9 @@ LARGEST_SIZE_ERROR = 0.01
 """What a sphere's diameter and its outlines say of its distance is within 0.004 of what the cameras' lines say."""
 LEAST_KNOWN = 0.6
 """In so much of what both cameras see spheres should be measured; where boards were all over the images it is more."""
+MORE_BOARDS = (
+    "take more boards, larger in the images and all over them, or keep spheres near the middle of the boards"
+)
 SMALLEST_INFORMATION = 1e-6
 """Smallest over largest eigenvalue of the scaled normal matrix for poses that determine ``tcp_from_rig``."""
 
@@ -57,13 +60,14 @@ class StereoCalibration:
     @property
     def doubts(self) -> tuple[str, ...]:
         """Where in the images it does not hold, and what the corners say against it."""
-        share = known_share(self.rig(Pose.exact(np.eye(4), TCP, RIG)), LARGEST_STATED_MM)
+        rig = self.rig(Pose.exact(np.eye(4), TCP, RIG))
+        share, of_images = (known_share(one, LARGEST_STATED_MM) for one in (rig, with_exact_squares(rig)))
         told = []
         if share < LEAST_KNOWN:
             told.append(
                 f"the boards tell the cameras to {LARGEST_STATED_MM:g} mm in {share:.0%} of what both see where the "
-                f"boards were, expected {LEAST_KNOWN:.0%} or more: spheres elsewhere are refused; take more boards, "
-                "larger in the images and all over them, or keep spheres near the middle of the boards"
+                f"boards were, expected {LEAST_KNOWN:.0%} or more: spheres elsewhere are refused; "
+                + (MORE_BOARDS if of_images < LEAST_KNOWN else MEASURE_SQUARES)
             )
         if self.boards.lens_px > self.boards.error_px:
             told.append(

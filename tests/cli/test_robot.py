@@ -439,6 +439,21 @@ def test_markers_that_the_cameras_calibration_leaves_open_are_refused(
     assert re.search(told, capsys.readouterr().err)
 
 
+def test_how_well_the_squares_are_known_counts_in_what_the_cameras_know(
+    home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A printed board leaves the resting sphere open, whatever its images show."""
+    session = home / "session"
+    shown = [str(session / name) for name in ("boards", "sphere", "sphere_robot.csv")]
+    sizes = ["--corners", "9x7", "--square", "6", "--diameter", "11.5"]
+    out = tmp_path / "rig.json"
+    printed = ["--sigma-square", "0.1", "-o", str(out)]
+    assert main(["robot", "stereo-calibrate", *shown, *sizes, *printed]) == 3
+    assert "most of that is how well the side of the board's squares is known" in capsys.readouterr().err
+    assert not out.exists()
+    assert read(home / "rig.json")["calibrated_on"]["sigma_square"] == 1e-4  # where nothing is stated
+
+
 def test_squares_of_another_size_than_stated_contradict_the_sphere(home: Path) -> None:
     rig, looks = read_rig(home / "rig.json").rig, read_pairs(home / "session" / "markers")
     spheres = in_rig({0: looks[0]}, rig, diameter_mm=11.5)

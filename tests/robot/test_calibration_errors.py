@@ -163,6 +163,14 @@ def test_places_beyond_the_boards_are_known_worse(monkeypatch: pytest.MonkeyPatc
     assert known_share(wide.rig(NO_TCP), 0.012) > 0.8 > 0.6 > known_share(near.rig(NO_TCP), 0.012) > 0.1
     assert wide.doubts == ()
     assert "the boards tell the cameras to 0.012 mm in " in near.doubts[0]
+    assert "take more boards" in near.doubts[0]
+
+
+def test_more_boards_are_not_advised_where_their_squares_leave_places_open(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    printed = calibrated(monkeypatch, np.random.default_rng(10), sigma_square=1e-3)
+    assert "measure the board over its whole length" in printed.doubts[0]
 
 
 def test_boards_that_are_all_alike_do_not_determine_the_cameras(monkeypatch: pytest.MonkeyPatch) -> None:
