@@ -67,7 +67,7 @@ def read_settings(
     """
     content = read_whole(path, MOST_SETTINGS_BYTES, expected=f"{expected}; {remedy}")
     try:
-        given = _parsed_toml(content.decode("utf-8-sig"))
+        given = _parsed_toml(_utf8(content))
         if HOME in given:
             raise ValueError(f"{HOME}: no field of this document")
         settings = checked(given, model)
@@ -76,6 +76,14 @@ def read_settings(
     if HOME not in model.model_fields:
         return settings
     return settings.model_copy(update={HOME: Path(path).resolve().parent})
+
+
+def _utf8(content: bytes) -> str:
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise ValueError(f"line {line} is not UTF-8; save it as UTF-8") from error
 
 
 def _parsed_toml(text: str) -> dict[str, Any]:

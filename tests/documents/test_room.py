@@ -101,3 +101,11 @@ def test_what_would_take_a_reader_long_or_down_is_refused(text: str, sentence: s
     (tmp_path / "room.toml").write_text(text)
     with pytest.raises(InputError, match=sentence):
         read_room(tmp_path / "room.toml")
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "utf-16"])
+def test_a_room_of_another_encoding_is_told_to_be_saved_anew(encoding: str, tmp_path: Path) -> None:
+    """As editors of some systems save umlauts."""
+    (tmp_path / "room.toml").write_text(EXAMPLE.replace("# What", "# W\xe4s"), encoding=encoding)
+    with pytest.raises(InputError, match=r"is no room .line 1 is not UTF-8; save it as UTF-8"):
+        read_room(tmp_path / "room.toml")
