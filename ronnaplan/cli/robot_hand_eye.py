@@ -76,4 +76,4 @@ def _far(frames: Sequence[int], far: Sequence[int]) -> tuple[str, ...]:
 
 def _alone(seen: Iterable[int], driven: Iterable[int]) -> tuple[str, ...]:
     alone = len(set(seen) ^ set(driven))
-    return (f"{alone} poses have no partner of the same frame and were left out",) if alone else ()
+    return (f"poses left out, without a usable partner of the same frame: {alone}",) if alone else ()

@@ -35,7 +35,9 @@ def run(arguments: argparse.Namespace) -> int:
     x, y, z = found.tip_mm
     errors = [found.tip_covariance_mm2[axis, axis] ** 0.5 for axis in range(3)]
     frames = list(poses)
-    slips = ", ".join(f"{frames[first]}-{frames[last]}" for first, last in found.slips)
+    slips = ", ".join(
+        f"{frames[first]}" if first == last else f"{frames[first]}-{frames[last]}" for first, last in found.slips
+    )
     counted = int(found.kept.sum())
     kept = f"{counted} of " if counted < len(poses) else ""
     tell(

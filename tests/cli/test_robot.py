@@ -100,8 +100,9 @@ def test_the_tutorial_brings_the_plan_to_where_it_is_in_the_robots_frame(home: P
 def test_the_scatter_of_a_pivot_is_told_of_the_poses_that_were_kept(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    left_out = "over 560 of 600 poses; left out as slipped: frames 1100-1139\n"
-    for slipped, told in ((0, "over 600 poses\n"), (40, left_out)):
+    left_out = "over {} of 600 poses; left out as slipped: frames {}\n"
+    one, many = left_out.format(599, "1100"), left_out.format(560, "1100-1139")
+    for slipped, told in ((0, "over 600 poses\n"), (1, one), (40, many)):
         poses = recording(2)
         poses[100 : 100 + slipped, :3, 3] += (6.0, -4.0, 5.0)
         numbered = np.column_stack([np.arange(1000, 1600), poses.reshape(-1, 16)])

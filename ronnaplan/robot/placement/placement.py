@@ -12,6 +12,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import invert, transform_points
 from ronnaplan.robot.placement import blocking
 from ronnaplan.robot.placement.job import Job
+from ronnaplan.robot.placement.most import alone, serving_most
 from ronnaplan.robot.placement.near import what_comes_near
 from ronnaplan.robot.placement.parking import probability
 from ronnaplan.robot.placement.route import Route, plan_route
@@ -37,9 +38,7 @@ FINE = Fineness(48, 5.0)
 PLACES, TRIED = 3, 6
 """The best base and its alternatives; so many are looked at closely until as many have free ways to all tasks."""
 SCATTERED = 16_384
-"""Further bases that are tried where none of the grid serves all."""
-BLAMED = 300
-"""Bases that are asked what stands in the way."""
+"""Further bases that are tried where neither one of the grid serves all nor one that steps lead to."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,11 +83,12 @@ def find_places(job: Job) -> Placement:
         return Placement(job.room_from_ct, (), ("no base on the floor is within the arm's reach of the head",))
     found = worths(coarse, bases)
     if not (found >= 0.0).any():
-        further = scattered(coarse, SCATTERED)
-        bases, found = np.concatenate([bases, further]), np.concatenate([found, worths(coarse, further)])
+        most, each = serving_most(coarse, bases)
+        bases = most if each.all(axis=1).any() else scattered(coarse, SCATTERED)
+        found = worths(coarse, bases)
+        if not (found >= 0.0).any():
+            return Placement(job.room_from_ct, (), _blocked(job, coarse, most, each))
     tops, values = refined(coarse, bases, found)
-    if not len(tops):
-        return Placement(job.room_from_ct, (), _blocked(job, coarse, bases))
     best = [tops[n] for n in best_apart(tops, values, TRIED)]
     others = alternatives(replace(coarse, taken=tuple(best)), bases, found)
     tried = itertools.islice(itertools.chain(best, others), TRIED)
@@ -136,29 +136,21 @@ def _place(job: Job, fine: Problem, base: FloatArray, sure: float | None) -> Pla
     return Place(base, turned, route, sure, near)
 
 
-def _blocked(job: Job, coarse: Problem, bases: FloatArray) -> tuple[str, ...]:
-    """Say why no base serves everything: what no base serves at all, or what the best of them leaves out."""
-    some = bases[np.random.default_rng(0).permutation(len(bases))[:BLAMED]]
-    each = np.stack([_served_alone(coarse, n, some) for n in range(len(coarse))], axis=1)
-    best = some[[int(each.sum(axis=1).argmax())]]
+def _blocked(job: Job, coarse: Problem, bases: FloatArray, each: NDArray[np.bool_]) -> tuple[str, ...]:
+    """Say why none of ``bases`` (N, 4), which serve ``each`` task or not (N, T), serves everything.
+
+    That is what no base serves at all, or what the best of them leaves out.
+    """
+    most = int(each.sum(axis=1).argmax())
+    best = bases[[most]]
     never = np.flatnonzero(~each.any(axis=0))
     if len(never):
-        return tuple(_sentence(job, coarse, int(n), some, "for every base that was tried", best) for n in never)
-    left = np.flatnonzero(~each[each.sum(axis=1).argmax()])
-    told = [_sentence(job, coarse, int(n), best, "from the base that serves most", best) for n in left]
+        return tuple(_sentence(job, coarse, int(n), bases, "for every base that was tried", best) for n in never)
+    told = [
+        _sentence(job, coarse, int(n), best, "from the base that serves most", best)
+        for n in np.flatnonzero(~each[most])
+    ]
     return ("each task is served by some base, but no base that was tried serves all", *told)
-
-
-def _served_alone(problem: Problem, task: int, bases: FloatArray) -> NDArray[np.bool_]:
-    ways = problem.ways
-    first, last = ways.firsts[task], ways.firsts[task + 1]
-    alone = ways._replace(
-        flanges=ways.flanges[first:last],
-        firsts=np.array([0, last - first]),
-        steps=ways.steps[[task]],
-        instruments=ways.instruments[[task]],
-    )
-    return serves(replace(problem, ways=alone), bases)
 
 
 def _sentence(job: Job, problem: Problem, number: int, bases: FloatArray, where: str, best: FloatArray) -> str:
@@ -180,7 +172,7 @@ def _other_entry(job: Job, task: Task, best: FloatArray) -> str:
         ring = [replace(task, starts_mm=start[None]) for start in starts[turns == turn]]
         problem = job.problem(COARSE, ring)
         for n, other in enumerate(ring):
-            if _served_alone(problem, n, best)[0]:
+            if serves(alone(problem, n), best)[0]:
                 start = other.starts_mm[0]
                 inward = (target - start) / np.linalg.norm(target - start)
                 entry = transform_points(

@@ -24,6 +24,7 @@ from ronnaplan.robot.placement.blocking import turned_entries
 from ronnaplan.robot.placement.clearances import to_head
 from ronnaplan.robot.placement.job import Job
 from ronnaplan.robot.placement.machine import machine_of
+from ronnaplan.robot.placement.most import served_each
 from ronnaplan.robot.placement.parking import strayed
 from ronnaplan.robot.placement.placement import COARSE, Placement, check_parked, find_places
 from ronnaplan.robot.placement.room import Box, Capsule, Floor, HeadPose, Margins, Parking
@@ -227,6 +228,19 @@ def test_what_lies_between_the_places_of_the_grid_is_found(
 
 
 WIDE = replace(SMALL, x_mm=(-1000.0, -700.0), y_mm=(-700.0, -300.0))
+
+
+def test_what_a_base_leaves_unserved_shows_the_way_to_one_that_serves_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It lies in a few millimetres at times, where none of thousands of bases all over the floor comes to lie."""
+    given = job(0, 3, 2, floor=WIDE)
+    problem = given.problem(COARSE)
+    bases = grid(problem)
+    counts = served_each(problem, bases).sum(axis=1)
+    beside = bases[(counts > 0) & (counts < len(problem))][:1]
+    assert len(beside)
+    monkeypatch.setattr("ronnaplan.robot.placement.placement.grid", lambda _: beside)
+    monkeypatch.setattr("ronnaplan.robot.placement.placement.scattered", lambda *_: np.empty((0, 4)))
+    assert find_places(given).places
 
 
 def test_alternatives_stand_apart_where_the_best_ones_lie_around_one_place() -> None:

@@ -1,0 +1,66 @@
+"""Bases that serve most tasks, and steps from them to such as serve all, where the grid over the floor has none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.robot.placement.search import SIDES, Problem, serves, within
+
+LOOKED_AT = 300
+"""Bases of which it is asked what each of them serves."""
+CLIMBING = 6
+"""So many of them, which serve most, are bettered."""
+FIRST_STEP, LAST_STEP_MM = (100.0, 100.0, 100.0, 20.0), 5.0
+"""Steps in x, y, z (mm) and turn (degrees) to begin with, and the least: tasks are lost and won within centimetres."""
+
+
+def alone(problem: Problem, task: int) -> Problem:
+    """Return ``problem`` with one ``task`` only."""
+    ways = problem.ways
+    first, last = ways.firsts[task], ways.firsts[task + 1]
+    only = ways._replace(
+        flanges=ways.flanges[first:last],
+        firsts=np.array([0, last - first]),
+        steps=ways.steps[[task]],
+        instruments=ways.instruments[[task]],
+    )
+    return replace(problem, ways=only)
+
+
+def served_each(problem: Problem, places: FloatArray) -> NDArray[np.bool_]:
+    """Return which tasks each of ``places`` (N, 4) serves (N, T), whatever becomes of the others there."""
+    return np.stack([serves(alone(problem, task), places) for task in range(len(problem))], axis=1)
+
+
+def serving_most(problem: Problem, places: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return some of ``places`` (N, 4), then where steps from the best of them lead, and which tasks each serves.
+
+    A base that serves all may lie in a few millimetres between those of a grid: what is left unserved about it shows
+    the way there.
+    """
+    some = places[np.random.default_rng(0).permutation(len(places))[:LOOKED_AT]]
+    each = served_each(problem, some)
+    best = np.argsort(-each.sum(axis=1), kind="stable")[:CLIMBING]
+    climbed = [_climbed(problem, some[n], each[n]) for n in best]
+    tops, served = (np.array(one) for one in zip(*climbed, strict=True))
+    return np.concatenate([some, tops]), np.concatenate([each, served])
+
+
+def _climbed(
+    problem: Problem, place: FloatArray, served: NDArray[np.bool_]
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return a place (4,) beside ``place`` that serves more tasks than any to its sides, and which (T,)."""
+    step = np.array(FIRST_STEP)
+    while step[0] >= LAST_STEP_MM and not served.all():
+        tried = within(problem.floor, place + SIDES * step)
+        each = served_each(problem, tried)
+        counts = each.sum(axis=1)
+        if counts.max(initial=0) > served.sum():
+            place, served = tried[counts.argmax()], each[counts.argmax()]
+        else:
+            step = step / 2
+    return place, served
