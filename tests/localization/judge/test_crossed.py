@@ -85,13 +85,15 @@ def test_a_single_slice_that_is_clear_does_not_tell_a_center() -> None:
     assert fit_of(on_a_screw(25.0, streak=False, spacing_mm=3.0)).by_part_mm2 is None  # 17 um off by it
 
 
-def test_a_pull_that_too_few_clear_slices_would_tell_is_stated() -> None:
-    volume = on_a_screw(12.0, spacing_mm=1.5)
+@pytest.mark.parametrize(("spacing_mm", "pulled_mm"), [(1.5, 0.02), (2.0, 0.06)])
+def test_a_pull_that_too_few_clear_slices_would_tell_is_stated(spacing_mm: float, pulled_mm: float) -> None:
+    """The thicker the slices, the farther the same streak pulls: a constant that holds in thin ones leaves 19."""
+    volume = on_a_screw(12.0, spacing_mm=spacing_mm)
     fit = fit_of(volume)
     error_mm = fit.center_mm - CENTER_MM
     assert fit.by_part_mm2 is None
-    assert error_mm[2] > 0.015
-    assert error_mm @ np.linalg.solve(stated_mm2(volume, fit), error_mm) < 7.8  # 10.3 where it is not
+    assert error_mm[2] > pulled_mm
+    assert error_mm @ np.linalg.solve(stated_mm2(volume, fit), error_mm) < 7.8  # 10.3 and more where it is not
 
 
 def test_a_pull_is_stated_where_no_slice_is_clear_either() -> None:
@@ -104,7 +106,7 @@ def test_a_pull_is_stated_where_no_slice_is_clear_either() -> None:
 def test_thick_slices_make_no_screw_along_them_one_sided() -> None:
     """Nearly all is crossed, and how much of either end is left says hardly more than where the slices lie."""
     volume = on_a_screw(0.0, streak=False, spacing_mm=2.0)
-    assert math.sqrt(untold_mm2(volume, fit_of(volume))[2, 2]) < 0.003  # 0.013
+    assert math.sqrt(untold_mm2(volume, fit_of(volume))[2, 2]) < 0.004  # 0.013
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 60.0], ids=["along the slices", "steep"])
