@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.fit.algebra import inverse
 from ronnaplan.localization.fit.depth import edge_depth, on_surface
-from ronnaplan.localization.fit.descent import Prior, influence, layer_jacobian, residuals_and_jacobian
+from ronnaplan.localization.fit.descent import Prior, layer_jacobian, residuals_and_jacobian
 from ronnaplan.localization.fit.directions import Verdict
 from ronnaplan.localization.fit.guess import METAL_HU
 from ronnaplan.localization.fit.model import has_streaks
@@ -27,13 +28,12 @@ class BallFit:
     where it lies on something), with the center relative to the neighbourhood's origin along u, v, w. ``used`` (N,)
     marks the voxels that informed the fit, ``residuals_hu`` (N,) is data minus model and shading, ``unshaded_hu`` (N,)
     data minus model alone, ``jacobian`` (N, P) the model's derivatives, ``influence_mm_per_hu`` (N, 3) how far one HU
-    at a voxel moves the center, ``center_by_radius`` (3,) how far the fit would move it for each mm that the radius
-    were held larger, ``aside_mm`` (3,) how far a cavity lies aside, if the shading, which tells it, was asked for
-    (``is_shaded``). ``made_good_mm`` (3,) is how far the center was moved, in LPS, by what a head does to the image
-    being made good, and None where that was not done. ``by_part_mm2`` (3, 3), along u, v, w, is how well the center is
-    known where a part of the ball told it better than the whole, as the rest is pulled by a screw that crosses its
-    slices (`judge.crossed`) or by the rim of a socket (`judge.rim`), and None elsewhere; ``drawn`` is the fit by the
-    whole of a ball in a socket.
+    at a voxel moves the center, ``aside_mm`` (3,) how far a cavity lies aside, if the shading, which tells it, was
+    asked for (``is_shaded``). ``made_good_mm`` (3,) is how far the center was moved, in LPS, by what a head does to the
+    image being made good, and None where that was not done. ``by_part_mm2`` (3, 3), along u, v, w, is how well the
+    center is known where a part of the ball told it better than the whole, as the rest is pulled by a screw that
+    crosses its slices (`judge.crossed`) or by the rim of a socket (`judge.rim`), and None elsewhere; ``drawn`` is the
+    fit by the whole of a ball in a socket.
     """
 
     neighbourhood: Neighbourhood
@@ -43,7 +43,6 @@ class BallFit:
     unshaded_hu: FloatArray
     jacobian: FloatArray
     influence_mm_per_hu: FloatArray
-    center_by_radius: FloatArray
     aside_mm: FloatArray
     is_shaded: bool
     verdict: Verdict
@@ -84,6 +83,13 @@ class BallFit:
     def is_clipped(self) -> bool:
         """Whether voxels that informed the fit are at the top of the scale."""
         return bool((self.neighbourhood.values_hu[self.used] >= self.ceiling_hu).any())
+
+    @cached_property
+    def center_by_radius(self) -> FloatArray:
+        """How far the fit would move the center (3,) along u, v, w for each mm that the radius were held larger."""
+        covariance = _covariance(self.jacobian.take(np.flatnonzero(self.used), axis=0), self.prior)
+        by_radius: FloatArray = covariance[CENTER, RADIUS] / covariance[RADIUS, RADIUS]
+        return by_radius
 
     @cached_property
     def center_by_layer(self) -> FloatArray:
@@ -133,13 +139,15 @@ def fit_at(
     if not converged:  # its tests ask for nothing else
         around, used = around.select(used), np.ones(np.count_nonzero(used), dtype=np.bool_)
     residuals, jacobian = residuals_and_jacobian(around, theta, prior.layer_mm, ceiling_hu)
-    moves, by_radius = np.zeros_like(around.offsets_mm), np.zeros(3)
-    if converged:
-        moves[used], by_radius = influence(jacobian.take(np.flatnonzero(used), axis=0), prior.weight)
-    shading = Shading(np.zeros(3), np.zeros(3), moves, residuals)
     is_shaded = converged and ceiling_hu - theta[BACKGROUND] >= PLATEAU_SHARE * theta[CONTRAST]
     if is_shaded:
         shading = shaded(around, theta, residuals, jacobian, used, prior, slopes=slopes, bends=bends)
+    else:
+        moves = np.zeros_like(around.offsets_mm)
+        if converged:
+            informed = jacobian.take(np.flatnonzero(used), axis=0)
+            moves[used] = informed @ _covariance(informed, prior)[:, CENTER]
+        shading = Shading(np.zeros(3), np.zeros(3), moves, residuals)
     return BallFit(
         neighbourhood=around,
         theta=np.append(theta[CENTER] + shading.shift_mm, theta[RADIUS:]),
@@ -148,7 +156,6 @@ def fit_at(
         unshaded_hu=residuals,
         jacobian=jacobian,
         influence_mm_per_hu=shading.influence_mm_per_hu,
-        center_by_radius=by_radius,
         aside_mm=shading.aside_mm,
         is_shaded=is_shaded,
         verdict=verdict,
@@ -156,3 +163,8 @@ def fit_at(
         prior=prior,
         ceiling_hu=ceiling_hu,
     )
+
+
+def _covariance(informed: FloatArray, prior: Prior) -> FloatArray:
+    """Covariance (P, P), for noise of 1 HU, by the Jacobian (N, P) of the voxels that informed a fit, and its prior."""
+    return inverse(informed.T @ informed + np.diag(prior.weight))

@@ -21,23 +21,28 @@ _BOUNDS = tuple(math.tan((n / CELLS_PER_EDGE - 0.5) * math.pi / 2) for n in rang
 
 
 @njit(cache=True, nogil=True)
+def direction_cell(u: float, v: float, w: float) -> int:
+    """Number of the cell, 0 to `CELL_COUNT` - 1, in which an offset points (equal-angle cube)."""
+    axis, main, one, other = 0, u, v, w
+    if abs(v) > abs(main):
+        axis, main, one, other = 1, v, w, u
+    if abs(w) > abs(main):
+        axis, main, one, other = 2, w, u, v
+    cell = 2 * axis + (1 if main < 0.0 else 0)
+    for across in (one, other):
+        cell *= CELLS_PER_EDGE
+        for bound in _BOUNDS:
+            if across >= bound * abs(main):
+                cell += 1
+    return cell
+
+
+@njit(cache=True, nogil=True)
 def direction_cells(offsets_mm: FloatArray) -> NDArray[np.intp]:
-    """Number of the cell, 0 to `CELL_COUNT` - 1, in which each offset (N, 3) points (equal-angle cube)."""
+    """Number of the cell (N,) in which each offset (N, 3) points."""
     cells = np.empty(len(offsets_mm), dtype=np.intp)
     for n in range(len(offsets_mm)):
-        axis = 0
-        for other in (1, 2):
-            if abs(offsets_mm[n, other]) > abs(offsets_mm[n, axis]):
-                axis = other
-        main = offsets_mm[n, axis]
-        cell = 2 * axis + (1 if main < 0.0 else 0)
-        for step in (1, 2):
-            across = offsets_mm[n, (axis + step) % 3]
-            cell *= CELLS_PER_EDGE
-            for bound in _BOUNDS:
-                if across >= bound * abs(main):
-                    cell += 1
-        cells[n] = cell
+        cells[n] = direction_cell(offsets_mm[n, 0], offsets_mm[n, 1], offsets_mm[n, 2])
     return cells
 
 

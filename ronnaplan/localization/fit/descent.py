@@ -10,7 +10,7 @@ import numpy as np
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.fit.algebra import inverse, solve
+from ronnaplan.localization.fit.algebra import solve
 from ronnaplan.localization.fit.ball import Discs, discs
 from ronnaplan.localization.fit.model import BLOCK, add_normal_equations, evaluate
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
@@ -283,13 +283,3 @@ def _second_ball(offsets_mm: FloatArray, theta: FloatArray, layer_mm: float) -> 
     without[len(PARAMETERS)] = 0.0
     both, first = (evaluate(offsets_mm, one, layer_mm, *discs(one)) for one in (theta, without))
     return both[0] - first[0], both[1] - first[1]
-
-
-def influence(informed: FloatArray, prior_weight: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """How far one HU at each voxel moves the center, and how far it moves for each mm that the radius is held larger.
-
-    The first is (N, 3) in mm/HU, by the Jacobian (N, P) of the voxels that ``informed`` the fit, the second (3,).
-    """
-    covariance = inverse(informed.T @ informed + np.diag(prior_weight))
-    by_radius: FloatArray = covariance[CENTER, RADIUS] / covariance[RADIUS, RADIUS]
-    return informed @ covariance[:, CENTER], by_radius

@@ -17,16 +17,18 @@ from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.algebra import quantile
 from ronnaplan.localization.fit.ball import Discs, discs
-from ronnaplan.localization.fit.cells import CELL_COUNT, cell_directions, direction_cells
-from ronnaplan.localization.fit.depth import REACH_BLURS, REACH_MM, SURFACE_BLURS, edge_depth
+from ronnaplan.localization.fit.cells import CELL_COUNT, cell_directions, direction_cell
+from ronnaplan.localization.fit.depth import REACH_BLURS, REACH_MM, SURFACE_BLURS, depth_and_blur
 from ronnaplan.localization.fit.model import BLOCK, evaluate, has_skin, is_beyond_scale
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import (
-    CENTER,
     CONTRAST,
     PARAMETERS,
     RADIUS,
     SKIN_PARAMETERS,
+    U,
+    V,
+    W,
 )
 
 OUTLIER_RATIO = 2.5
@@ -150,20 +152,25 @@ def _survey(
     ceiling_hu: float,
 ) -> tuple[NDArray[np.intp], FloatArray]:
     """Cell (N,) of each voxel within reach, -1 of the others, and the sums over those (8, cells)."""
-    depth, blur = edge_depth(offsets_mm, theta)
-    cells, sums = np.full(len(depth), -1, dtype=np.intp), np.zeros((8, CELL_COUNT))
-    near = np.nonzero(np.abs(depth) < REACH_BLURS * blur + REACH_MM)[0]
-    is_outside = depth > SURFACE_BLURS * blur
-    told = direction_cells(offsets_mm[near] - theta[CENTER])
-    for n in range(len(near)):
-        at, cell = near[n], told[n]
-        cells[at] = cell
-        if is_outside[at]:
-            sums[OUTSIDE, cell] += 1.0
-            sums[UNEXPLAINED, cell] += values_hu[at]
+    cells, sums = np.full(len(offsets_mm), -1, dtype=np.intp), np.zeros((8, CELL_COUNT))
+    zones, near, count = np.empty(len(offsets_mm), dtype=np.int8), np.empty(len(offsets_mm), dtype=np.intp), 0
     end = len(theta) - (len(SKIN_PARAMETERS) - 1 if has_skin(theta) else 0)
-    if end == len(PARAMETERS):  # the model explains nothing outside
-        near = near[~is_outside[near]]
+    for n in range(len(offsets_mm)):
+        u, v, w = offsets_mm[n, U] - theta[U], offsets_mm[n, V] - theta[V], offsets_mm[n, W] - theta[W]
+        depth, blur = depth_and_blur(u, v, w, theta)
+        if abs(depth) >= REACH_BLURS * blur + REACH_MM:
+            continue
+        cell = direction_cell(u, v, w)
+        cells[n] = cell
+        zones[n] = OUTSIDE if depth > SURFACE_BLURS * blur else SEEN if depth > -SURFACE_BLURS * blur else INSIDE
+        if zones[n] == OUTSIDE:
+            sums[OUTSIDE, cell] += 1.0
+            sums[UNEXPLAINED, cell] += values_hu[n]
+            if end == len(PARAMETERS):  # the model explains nothing outside
+                continue
+        near[count] = n
+        count += 1
+    near = near[:count]
     for first in range(0, len(near), BLOCK):
         some = near[first : first + BLOCK]
         model, jacobian = evaluate(offsets_mm[some], theta, layer_mm, *looked_up)
@@ -171,10 +178,10 @@ def _survey(
             at, cell = some[n], cells[some[n]]
             share = 0.0 if is_beyond_scale(values_hu[at], model[n], floors_hu[at], ceiling_hu) else 1.0
             residual, slope = share * (values_hu[at] - model[n]), share * jacobian[n, RADIUS]
-            if is_outside[at]:
+            if zones[at] == OUTSIDE:
                 for p in range(len(PARAMETERS), end):  # streaks and skin
                     sums[UNEXPLAINED, cell] -= share * jacobian[n, p] * theta[p]
-            elif depth[at] > -SURFACE_BLURS * blur[at]:
+            elif zones[at] == SEEN:
                 sums[SEEN, cell] += 1.0
                 sums[SQUARES, cell] += residual * residual
                 sums[SHIFTS, cell] += residual * slope

@@ -203,7 +203,7 @@ def _slopes(values: FloatArray, step_mm: float) -> FloatArray:
     return slopes
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "arcp", "nsz"})
 def _back_project(
     offsets: FloatArray,
     numbers: NDArray[np.intp],
@@ -216,13 +216,19 @@ def _back_project(
 
     They are those from the ``first`` on; each of the offsets lies in the slice of its number (N,).
     """
-    per_step = 1.0 / (places[1] - places[0])
-    for view in range(filtered.shape[1]):
+    per_step, views = 1.0 / (places[1] - places[0]), filtered.shape[1]
+    across_u, across_v = np.empty(views), np.empty(views)
+    for view in range(views):
         angle = (first + view + 0.5) * math.pi / VIEWS
-        across_u, across_v = math.cos(angle), math.sin(angle)
-        for n in range(len(offsets)):
-            at = (offsets[n, U] * across_u + offsets[n, V] * across_v - places[0]) * per_step
+        across_u[view], across_v[view] = math.cos(angle) * per_step, math.sin(angle) * per_step
+    begin = places[0] * per_step
+    for n in range(len(offsets)):
+        u, v, of_slice = offsets[n, U], offsets[n, V], filtered[numbers[n]]
+        one, other = pictures[0, n], pictures[1, n]
+        for view in range(views):
+            at = u * across_u[view] + v * across_v[view] - begin
             low = int(at)
-            share, of_view = at - low, filtered[numbers[n], view]
-            for b in range(2):
-                pictures[b, n] += (1.0 - share) * of_view[low, b] + share * of_view[low + 1, b]
+            share = at - low
+            one += (1.0 - share) * of_slice[view, low, 0] + share * of_slice[view, low + 1, 0]
+            other += (1.0 - share) * of_slice[view, low, 1] + share * of_slice[view, low + 1, 1]
+        pictures[0, n], pictures[1, n] = one, other
