@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hmac
 import io
-import os
 import shutil
 import warnings
 from pathlib import Path
@@ -30,61 +29,63 @@ from ronnaplan.ct.kinds import CT_IMAGE
 from ronnaplan.ct.limits import DEFAULT_LIMITS
 from ronnaplan.ct.no_dicom import is_failed_copy
 from ronnaplan.ct.slices import instance_from_header
+from ronnaplan.ct.system_folders import UNFINISHED
 from ronnaplan.documents.basic_profile import CONTENT, DUMMIES, EMPTIED, EMPTY, ENTERED, KEPT, REPLACED, TAKEN
-from ronnaplan.documents.files import make_folder, rename_folder, write_atomically
+from ronnaplan.documents.files import make_folder, move_up, write_atomically
 from ronnaplan.errors import InputError
 from ronnaplan.text import printable
 
 LONGEST_NAME: Final = 16
 LEAST_SECRET_BYTES: Final = 32
-PART: Final = ".part"
-"""What the name of a folder ends with that does not hold all yet."""
+WHOLE: Final = "whole"
+"""The folder in the target that holds all files until they are moved up."""
 
 
 def deidentify(source: str | Path, target: str | Path, secret: bytes) -> int:
     """Write every DICOM file below ``source`` to the folder ``target``, naming nobody; return how many there were.
 
-    ``secret`` makes the new UIDs: with the same one, files of two runs still belong together. They are written to a
-    folder beside, ``target`` with `PART`, which gets its name when it holds all of them. Raises `InputError` for
-    a ``target`` that holds anything, a file or folder that cannot be opened, a file that cannot be read whole, one of
-    another class than `TAKEN`, and pixels that are said to show a name; then nothing is left. Files that
-    are no DICOM are left out, but for those that seem to be what a copy that failed has left.
+    ``secret`` makes the new UIDs: with the same one, files of two runs still belong together. They are written to
+    `UNFINISHED` in ``target``, which no reader of scans looks into, and moved up when all are there. Raises
+    `InputError` for a ``target`` that holds anything, a file or folder that cannot be opened, a file that cannot be
+    read whole, one of another class than `TAKEN`, and pixels that are said to show a name; then nothing is left.
+    Files that are no DICOM are left out, but for those that seem to be what a copy that failed has left.
     """
-    folder = Path(os.path.realpath(make_folder(target)))
-    beside = folder.with_name(f"{folder.name}{PART}")
-    _require_new(folder, beside)
+    folder = make_folder(target)
+    _require_empty(folder)
     skipped: list[Skipped] = []
     blobs = sorted(blobs_below(given_path(source), DEFAULT_LIMITS, skipped), key=lambda one: one.name)
     for one in skipped:
         if one.is_trouble:
             raise InputError(f"{one.name}: {one.reason}; see to it, or leave it out")
-    make_folder(beside)
-    count = 0
+    part, whole = make_folder(folder / UNFINISHED), folder / WHOLE
+    names: list[str] = []
     try:
         for blob in blobs:
             if _is_object(blob):
-                count += 1
-                write_atomically(beside / f"{count:05d}.dcm", _deidentified_bytes(blob, secret))
-        if not count:
+                names.append(f"{len(names) + 1:05d}.dcm")
+                write_atomically(part / names[-1], _deidentified_bytes(blob, secret))
+        if not names:
             raise InputError(f"{printable(source)} holds no DICOM object; name a folder of CT images")
-        rename_folder(beside, folder)
+        move_up(part, whole, names)
     except BaseException:  # a part would be taken for the whole
-        shutil.rmtree(beside, ignore_errors=True)
+        for one_of_two in (part, whole):
+            shutil.rmtree(one_of_two, ignore_errors=True)
+        for name in names:
+            (folder / name).unlink(missing_ok=True)
         raise
-    return count
+    return len(names)
 
 
-def _require_new(folder: Path, beside: Path) -> None:
-    """Raise `InputError` where a folder cannot be replaced, or what is to replace it is there."""
-    if any(folder.iterdir()):
-        raise InputError(f"{folder} is not empty; name a new folder, so that nothing in it is taken for made here")
-    if folder.samefile(".") or folder.is_mount():  # another folder takes its place in the end
-        raise InputError(f"{folder} is the current folder, or a disk's own; name a new folder in it")
-    if beside.exists():
+def _require_empty(folder: Path) -> None:
+    """Raise `InputError` for a folder that holds anything."""
+    part = folder / UNFINISHED
+    if part.exists():
         raise InputError(
-            f"{beside} is there: another run writes to it, or one that was ended left it; remove it, or name another "
+            f"{part} is there: another run writes to it, or one that was ended left it; remove it, or name another "
             "folder"
         )
+    if any(folder.iterdir()):
+        raise InputError(f"{folder} is not empty; name a new folder, so that nothing in it is taken for made here")
 
 
 def _is_object(blob: Blob) -> bool:

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import sys
 import unicodedata
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
@@ -254,11 +255,16 @@ def make_folder(path: str | os.PathLike[str]) -> Path:
     return folder
 
 
-def rename_folder(whole: Path, folder: Path) -> None:
-    """Put a folder in the place of the empty one at ``folder``; raises `UnwrittenError` where it cannot be."""
+def move_up(part: Path, whole: Path, names: Iterable[str]) -> None:
+    """Move the files ``names`` of the folder ``part`` to its parent; raises `UnwrittenError` where they cannot be.
+
+    It is called ``whole`` first: whoever is killed amid this leaves all of them below the parent, and not in ``part``.
+    """
     try:
-        folder.rmdir()  # Windows renames to no name that is taken
-        whole.rename(folder)
-        sync_folder(folder.parent)
+        part.rename(whole)
+        for name in names:
+            (whole / name).rename(whole.with_name(name))
+        shutil.rmtree(whole)
+        sync_folder(whole.parent)
     except OSError as error:
-        raise _unwritten(folder, error) from error
+        raise _unwritten(whole.parent, error) from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import shutil
 import subprocess
 import sys
@@ -19,12 +20,16 @@ from pydicom.sequence import Sequence
 
 from ronnaplan.cli import main
 from ronnaplan.ct import read_ct
+from ronnaplan.ct.files import Skipped
+from ronnaplan.ct.folders import blobs_below
+from ronnaplan.ct.limits import DEFAULT_LIMITS
+from ronnaplan.ct.system_folders import UNFINISHED
 from ronnaplan.documents.basic_profile import DUMMIES, EMPTY, ENTERED, KEPT, REPLACED
-from ronnaplan.documents.deidentify import deidentify
+from ronnaplan.documents.deidentify import WHOLE, deidentify
 from ronnaplan.documents.dicom_spatial import spatial_fiducials, spatial_registration
 from ronnaplan.documents.fiducials import Source, fiducials_document
 from ronnaplan.documents.registration import read_registration
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, UnwrittenError
 from ronnaplan.jobs.localizing import warm_up
 from tests.ct import makers
 from tests.documents.test_patient import document
@@ -217,35 +222,63 @@ def test_what_is_refused_leaves_no_part_that_could_be_taken_for_the_whole(scan: 
     assert deidentify(scan, tmp_path / "out", SECRET) == 4
 
 
-def test_a_run_that_is_killed_leaves_nothing_that_could_be_taken_for_the_whole(scan: Path, tmp_path: Path) -> None:
-    """Its files lie in a folder beside, of another name, which the next run does not take for its own."""
+@pytest.mark.parametrize(
+    ("function", "place", "found"), [("module.write_atomically", UNFINISHED, 0), ("pathlib.Path.rename", WHOLE, 4)]
+)
+def test_a_run_that_is_killed_leaves_nothing_that_could_be_taken_for_the_whole(
+    function: str, place: str, found: int, scan: Path, tmp_path: Path
+) -> None:
+    """A reader of scans finds no file, or all of them; and no later run takes them for its own."""
+    out = tmp_path / "out"
     code = f"""
-import os, ronnaplan.documents.deidentify as module
-write = module.write_atomically
-def write_and_die(path, content):
-    write(path, content)
-    if path.name == "00003.dcm":
+import os, pathlib, ronnaplan.documents.deidentify as module
+function = {function}
+def call_and_die(path, what):
+    function(path, what)
+    if path.name == "00003.dcm" and path.parent.name == {place!r}:
         os._exit(9)
-module.write_atomically = write_and_die
-module.deidentify({str(scan)!r}, {str(tmp_path / "out")!r}, {SECRET!r})
+{function} = call_and_die
+module.deidentify({str(scan)!r}, {str(out)!r}, {SECRET!r})
 """
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 9
-    assert not list((tmp_path / "out").iterdir())
-    left = tmp_path / "out.part"
-    assert len(list(left.iterdir())) == 3
-    with pytest.raises(InputError, match="there: another run writes to it, or one that was ended left it"):
+    skipped: list[Skipped] = []
+    assert len(list(blobs_below(out, DEFAULT_LIMITS, skipped))) == found
+    assert len(skipped) == (found == 0)
+    with pytest.raises(
+        InputError, match="out is not empty" if found else "there: another run writes to it, or one"
+    ):
+        deidentify(scan, out, SECRET)
+    shutil.rmtree(out)
+    assert deidentify(scan, out, SECRET) == len(list(out.iterdir())) == 4
+
+
+def test_an_empty_folder_is_filled_where_it_lies(
+    scan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may be a disk's own (a volume of a container), the current one, or in one that may not be written to."""
+    here = tmp_path / "here"
+    here.mkdir()
+    number = here.stat().st_ino
+    monkeypatch.chdir(here)
+    assert deidentify(scan, ".", SECRET) == 4
+    assert here.stat().st_ino == number
+    assert sorted(path.name for path in here.iterdir()) == [f"{n:05d}.dcm" for n in range(1, 5)]
+
+
+def test_a_disk_that_fails_while_files_are_moved_up_leaves_none(
+    scan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rename = Path.rename
+
+    def fails(path: Path, target: Path) -> Path:
+        if path.parent.name == WHOLE and path.name == "00003.dcm":
+            raise OSError(errno.EIO, "Input/output error")
+        return rename(path, target)
+
+    monkeypatch.setattr(Path, "rename", fails)
+    with pytest.raises(UnwrittenError, match=r"cannot write .*out: Input/output error; check its disk"):
         deidentify(scan, tmp_path / "out", SECRET)
-    shutil.rmtree(left)
-    (tmp_path / "link").symlink_to(tmp_path / "out")
-    assert deidentify(scan, tmp_path / "link", SECRET) == len(list((tmp_path / "out").iterdir())) == 4
-    assert not left.exists()
-
-
-def test_the_current_folder_is_not_replaced(scan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "here").mkdir()
-    monkeypatch.chdir(tmp_path / "here")
-    with pytest.raises(InputError, match="here is the current folder, or a disk's own; name a new folder in it"):
-        deidentify(scan, ".", SECRET)
+    assert not list((tmp_path / "out").iterdir())
 
 
 def test_patients_without_an_id_stay_apart_and_those_with_one_go_by_it(tmp_path: Path) -> None:
