@@ -76,8 +76,8 @@ CREATE TABLE IF NOT EXISTS announced (      -- how many instances a series has, 
 CREATE TABLE IF NOT EXISTS documents (      -- what a job has made objects of, beside the scan
     job INTEGER PRIMARY KEY REFERENCES jobs (id) ON DELETE CASCADE, stamp TEXT NOT NULL
 );
-CREATE TABLE IF NOT EXISTS clock (          -- when it was last looked at, and until when nothing is removed
-    id INTEGER PRIMARY KEY, looked REAL NOT NULL, held REAL NOT NULL
+CREATE TABLE IF NOT EXISTS clock (          -- when it was last looked at, and by what time to judge until when
+    id INTEGER PRIMARY KEY, looked REAL NOT NULL, trusted REAL NOT NULL, until REAL NOT NULL
 );
 CREATE INDEX IF NOT EXISTS deliveries_by_state ON deliveries (state, due);
 """

@@ -21,24 +21,26 @@ AND id NOT IN (SELECT series FROM jobs JOIN answers ON job = jobs.id JOIN delive
 
 
 LONGEST_STEP_S: Final = DAY_S
-"""A clock that has gone on by more since it was last looked at may be wrong; nothing is removed for as long then."""
+"""A clock that has gone on by more since it was last looked at may be wrong, and is not trusted for as long."""
 
 
-def is_held_back(index: Index, now: float, log: Log) -> bool:
-    """Note that the clock says ``now`` (seconds since 1970); whether it went on so far that nothing may be removed.
+def trusted_time(index: Index, now: float, log: Log) -> float:
+    """Note that the clock says ``now`` (seconds since 1970); return the time by which it is to be told what is old.
 
-    A node that did not run for so long has as much time to be told of it, which does no harm.
+    For a day after the clock went on by more than a day that is when it was last looked at before. So a node that
+    runs seldom, each time for less than a day, removes what was old when it ran last.
     """
-    looked, held = next(iter(index.rows("SELECT looked, held FROM clock")), (now, now))
+    looked, trusted, until = next(iter(index.rows("SELECT looked, trusted, until FROM clock")), (now, now, now))
     if now - looked > LONGEST_STEP_S:
-        held = now + LONGEST_STEP_S
+        trusted, until = looked, now + LONGEST_STEP_S
         log.tell(
             "held back",
             reason=f"the clock went on by {(now - looked) / DAY_S:.1f} days since it was last looked at; it may be "
-            "wrong, so nothing is removed for a day",
+            "wrong, so for a day nothing is removed that was not old by then",
         )
-    index.run("INSERT OR REPLACE INTO clock VALUES (1, ?, ?)", now, held)
-    return bool(now < held <= now + LONGEST_STEP_S)  # later than that by a clock that was ahead
+    index.run("INSERT OR REPLACE INTO clock VALUES (1, ?, ?, ?)", now, trusted, until)
+    # it ends later than in a day by a clock that was ahead
+    return float(min(now, trusted)) if now < until <= now + LONGEST_STEP_S else now
 
 
 def remove_old(folder: Path, index: Index, before: float, log: Log, audit: Audit) -> None:

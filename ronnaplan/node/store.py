@@ -23,7 +23,7 @@ from ronnaplan.node.audit import Audit
 from ronnaplan.node.facts import Facts
 from ronnaplan.node.index import Index
 from ronnaplan.node.logs import Log
-from ronnaplan.node.retention import DAY_S, is_held_back, remove_old
+from ronnaplan.node.retention import DAY_S, remove_old, trusted_time
 from ronnaplan.portable import replace, sync_folder
 
 INCOMING, INSTANCES, ASIDE = "incoming", "instances", "aside"
@@ -132,8 +132,8 @@ class Store:
         if not now < self._retention_due <= now + RETENTION_S:  # later than that by a clock that was ahead
             self._retention_due = now + RETENTION_S
             try:
-                if not is_held_back(index, now, self._log):
-                    remove_old(self.folder, index, now - self._keep_s, self._log, self._audit)
+                before = trusted_time(index, now, self._log) - self._keep_s
+                remove_old(self.folder, index, before, self._log, self._audit)
             except (OSError, sqlite3.Error) as error:  # tried again
                 self._log.tell("not removed", reason=str(error))
 

@@ -180,6 +180,21 @@ def test_a_clock_that_jumps_ahead_holds_removal_back_for_a_day_and_is_told(index
     assert kept(30.01 * day) == 0
 
 
+def test_a_node_that_is_started_once_a_week_removes_what_was_old_when_it_ran_last(
+    index: Index, tmp_path: Path
+) -> None:
+    day, log = 86_400.0, Log(io.StringIO())
+    add(index, 0, 0.0)
+    index.run("UPDATE series SET complete = revision")
+    kept = {}
+    for started in range(0, 50, 7):
+        store = Store(tmp_path, log, Audit(tmp_path, "audit.log", "RONNAPLAN", log), keep_days=30.0)
+        for hour in range(8):
+            store._remove_old(index, started * day + hour * 3600.0)
+        kept[started] = index.value("SELECT count(*) FROM series")
+    assert kept == {0: 1, 7: 1, 14: 1, 21: 1, 28: 1, 35: 1, 42: 0, 49: 0}
+
+
 def test_what_was_kept_long_enough_goes_but_nothing_that_owes_an_answer(index: Index, tmp_path: Path) -> None:
     files = []
     for number, state in enumerate(("waiting", "done", "done", "done")):
