@@ -17,6 +17,7 @@ from pynetdicom import _config, evt
 from pynetdicom.ae import ApplicationEntity
 from pynetdicom.association import Association
 from pynetdicom.events import EventHandlerType
+from pynetdicom.fsm import AA_4
 from pynetdicom.presentation import PresentationContext
 from pynetdicom.transport import AssociationSocket, RequestHandler, ThreadedAssociationServer
 
@@ -35,9 +36,9 @@ _BEYOND = 4096
 
 
 def give_up_waiting(association: Association) -> None:
-    """Free the place of a connection that ended, for whose next message a thread may wait."""
-    messages: Any = association.dul.to_user_queue  # typed for messages only
-    messages.put(None)  # what a wait that ended in vain returns
+    """Free the place of a connection that ended before it became an association: its thread waits for a request."""
+    requests: Any = association.dul.to_user_queue  # typed for requests only
+    requests.put(None)  # what a wait that ended in vain returns
 
 
 def titles(association: Association) -> tuple[str, str]:
@@ -69,12 +70,9 @@ def end_at_fault(association: Association) -> None:
         try:
             act(event)
         except Exception:  # an order of messages, or a value in one, that the standard does not have
-            provider.kill_dul()
             if provider.socket is not None:
                 provider.socket.close()
-            peer = association.requestor if association.is_acceptor else association.acceptor
-            evt.trigger(association, evt.EVT_CONN_CLOSE, {"address": peer.address_info})
-            give_up_waiting(association)
+            AA_4(provider)  # tells whoever waits for the peer's next message that it is gone
 
     provider.state_machine.do_action = act_or_end  # type: ignore[method-assign]
 

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import socket
+import time
+from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from threading import Thread
+from threading import Event, Thread
 
 import numpy as np
 import pytest
 from pydicom.uid import CTImageStorage
-from pynetdicom import AE
+from pynetdicom import AE, evt
 
 from ronnaplan.errors import InputError
+from ronnaplan.node.archives import FIND, GET, open_archive
 from ronnaplan.node.association import associated
-from ronnaplan.node.config import Config, Peer
+from ronnaplan.node.config import Config, Limits, Peer
 from tests.ct import makers
 from tests.node.peers import (
     Listening,
@@ -148,6 +151,30 @@ def test_an_archive_that_breaks_the_protocol_in_an_odd_way_is_told(tmp_path: Pat
         ):
             pass
         thread.join()
+
+
+def test_an_archive_that_breaks_the_protocol_while_it_answers_is_not_waited_for() -> None:
+    def breaks(event: evt.Event) -> Iterator[tuple[int, None]]:
+        event.assoc.dul.socket.send(ODD_ABORT)  # type: ignore[union-attr]
+        done.wait()
+        yield 0, None
+
+    done, entity = Event(), AE("PACS")
+    for uid in (FIND, GET):
+        entity.add_supported_context(uid)
+    server = entity.start_server(("127.0.0.1", 0), block=False, evt_handlers=[(evt.EVT_C_FIND, breaks)])
+    archive = Peer(name="pacs", title="PACS", port=server.server_address[1])
+    begun = time.monotonic()
+    try:
+        with (
+            pytest.raises(InputError, match="pacs answered nothing more"),
+            open_archive(Config(), archive) as opened,
+        ):
+            opened.find("STUDY", {"StudyInstanceUID": "", "PatientID": "P-1"})
+    finally:
+        done.set()
+        server.shutdown()
+    assert time.monotonic() - begun < Limits().silent_s / 2
 
 
 def test_a_message_larger_than_agreed_is_cut_off(tmp_path: Path) -> None:
