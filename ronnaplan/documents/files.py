@@ -256,14 +256,14 @@ def make_folder(path: str | os.PathLike[str]) -> Path:
 
 
 def move_up(part: Path, whole: Path, names: Iterable[str]) -> None:
-    """Move the files ``names`` of the folder ``part`` to its parent; raises `UnwrittenError` where they cannot be.
+    """Move the files ``names`` of a folder ``part`` up to where ``whole`` is; raises `UnwrittenError` for a failure.
 
-    It is called ``whole`` first: whoever is killed amid this leaves all of them below the parent, and not in ``part``.
+    It gets the new name ``whole`` first: whoever is killed amid this leaves all of them below that place.
     """
     try:
         part.rename(whole)
         for name in names:
-            (whole / name).rename(whole.with_name(name))
+            (whole / name).replace(whole.with_name(name))
         shutil.rmtree(whole)
         sync_folder(whole.parent)
     except OSError as error:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+import shutil
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from ronnaplan.documents.files import make_folder
+from ronnaplan.ct.system_folders import UNFINISHED
+from ronnaplan.documents.files import make_folder, move_up
 from ronnaplan.errors import InputError, UsageError
-from ronnaplan.node.archives import open_archive
+from ronnaplan.node.archives import Archive, open_archive
 from ronnaplan.node.config import Config, Peer
 from ronnaplan.node.facts import UID
 from ronnaplan.node.matches import are_days
@@ -62,6 +65,8 @@ def peer_at(text: str, config: Config) -> Peer:
 def pull(config: Config, peer: Peer, wanted: Wanted, folder: str | Path, *, by: str | None = None) -> int:
     """Fetch what is ``wanted`` into ``folder``; return the number of instances. For ``by`` see `open_archive`.
 
+    No reader of scans finds a part of a study there, should it not come whole or this program be killed.
+
     Raises `InputError` where the peer cannot be reached, has no such study, or does not send all of it.
     """
     keys = wanted.keys
@@ -72,4 +77,18 @@ def pull(config: Config, peer: Peer, wanted: Wanted, folder: str | Path, *, by: 
         if not studies:
             raise InputError(f"{peer.name} has no such study; check the UID, the patient's ID or the date")
         target = make_folder(folder)
-        return len(set().union(*(archive.fetch([study], target) for study in studies)))
+        return sum(_fetch(archive, study, target) for study in studies)
+
+
+def _fetch(archive: Archive, study: str, target: Path) -> int:
+    """Fetch a study into a folder, all of it or nothing; return the number of instances."""
+    part, whole = target / UNFINISHED / study, target / f"{study}.whole"
+    try:
+        paths = archive.fetch([study], make_folder(part))
+        shutil.rmtree(whole, ignore_errors=True)  # of one that was killed while it moved up the same files
+        move_up(part, whole, [path.name for path in paths])
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+        with suppress(OSError):  # another program fetches another study
+            part.parent.rmdir()
+    return len(paths)

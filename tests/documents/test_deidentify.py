@@ -223,7 +223,8 @@ def test_what_is_refused_leaves_no_part_that_could_be_taken_for_the_whole(scan: 
 
 
 @pytest.mark.parametrize(
-    ("function", "place", "found"), [("module.write_atomically", UNFINISHED, 0), ("pathlib.Path.rename", WHOLE, 4)]
+    ("function", "place", "found"),
+    [("module.write_atomically", UNFINISHED, 0), ("pathlib.Path.replace", WHOLE, 4)],
 )
 def test_a_run_that_is_killed_leaves_nothing_that_could_be_taken_for_the_whole(
     function: str, place: str, found: int, scan: Path, tmp_path: Path
@@ -268,14 +269,14 @@ def test_an_empty_folder_is_filled_where_it_lies(
 def test_a_disk_that_fails_while_files_are_moved_up_leaves_none(
     scan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rename = Path.rename
+    replace = Path.replace
 
     def fails(path: Path, target: Path) -> Path:
         if path.parent.name == WHOLE and path.name == "00003.dcm":
             raise OSError(errno.EIO, "Input/output error")
-        return rename(path, target)
+        return replace(path, target)
 
-    monkeypatch.setattr(Path, "rename", fails)
+    monkeypatch.setattr(Path, "replace", fails)
     with pytest.raises(UnwrittenError, match=r"cannot write .*out: Input/output error; check its disk"):
         deidentify(scan, tmp_path / "out", SECRET)
     assert not list((tmp_path / "out").iterdir())

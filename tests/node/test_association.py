@@ -163,6 +163,7 @@ def test_an_archive_that_breaks_the_protocol_while_it_answers_is_not_waited_for(
     for uid in (FIND, GET):
         entity.add_supported_context(uid)
     server = entity.start_server(("127.0.0.1", 0), block=False, evt_handlers=[(evt.EVT_C_FIND, breaks)])
+    assert server is not None
     archive = Peer(name="pacs", title="PACS", port=server.server_address[1])
     begun = time.monotonic()
     try:

@@ -20,6 +20,7 @@ from pydicom.dataset import Dataset
 from pynetdicom import AE, evt
 
 from ronnaplan.ct.kinds import CT_IMAGE
+from ronnaplan.ct.system_folders import UNFINISHED
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.node.archives import FIND, GET, MOVE, open_archive
 from ronnaplan.node.channels import open_channel
@@ -135,6 +136,26 @@ def test_an_answer_by_dicomweb_that_lacks_anything_is_an_error(scan: list[Datase
         pull(Config(), peer, PATIENT, tmp_path)
     with serving(Web(scan, scan, cut=60)) as peer, pytest.raises(InputError, match="was cut short"):
         pull(Config(), peer, PATIENT, tmp_path)
+
+
+def test_a_study_that_does_not_come_whole_leaves_no_part_of_it(scan: list[Dataset], tmp_path: Path) -> None:
+    """What was there stays; files of one name are those that came last."""
+    (tmp_path / f"{scan[0].SOPInstanceUID}.dcm").write_bytes(b"an earlier one")
+    (tmp_path / makers.STUDY).mkdir()
+    (tmp_path / f"{makers.STUDY}.whole").mkdir()
+    (tmp_path / f"{makers.STUDY}.whole" / "1.2.3.dcm").touch()  # of a program that was killed at the end
+    before = sorted(tmp_path.rglob("*"))
+    with serving(Web(scan, scan[:-1])) as peer, pytest.raises(InputError, match="lists 4 instances and sent 3"):
+        pull(Config(), peer, PATIENT, tmp_path)
+    assert sorted(tmp_path.rglob("*")) == before
+    left = tmp_path / UNFINISHED / makers.STUDY / "1.2.3.dcm"  # by a program that was killed
+    left.parent.mkdir(parents=True)
+    left.write_bytes(b"a part")
+    with serving(Web(scan, scan)) as peer:
+        assert pull(Config(), peer, PATIENT, tmp_path) == len(scan)
+    (tmp_path / makers.STUDY).rmdir()  # somebody's own
+    assert {path.name for path in tmp_path.iterdir()} == {f"{one.SOPInstanceUID}.dcm" for one in scan}
+    assert all(dcmread(path).PatientID == "P-1" for path in tmp_path.iterdir())
 
 
 class Odd(Web):
