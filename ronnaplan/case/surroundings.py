@@ -130,7 +130,8 @@ class Surroundings:
         """
         other = Surroundings(self.terrain, rules, fiducials, registration)
         if other._measures_as(self):
-            other._measured = {name: replace(one, judged=UNJUDGED) for name, one in self._measured.items()}
+            kept = self._measured.copy()  # at once, for others may be measured in another thread
+            other._measured = {name: replace(one, judged=UNJUDGED) for name, one in kept.items()}
         return other
 
     def _measures_as(self, other: Surroundings) -> bool:

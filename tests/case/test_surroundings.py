@@ -77,6 +77,22 @@ def test_what_is_read_anew_or_held_against_other_limits_is_measured_only_where_i
         assert not any(anew.knows(one, theirs) for one in theirs.trajectories)
 
 
+def test_limits_may_change_while_another_thread_measures(monkeypatch: pytest.MonkeyPatch) -> None:
+    around, plan = Surroundings(Terrain(cases.volume()), Rules()), cases.plan()
+    (path,) = plan.trajectories
+    around.judge(path, plan)
+
+    def replace_later(kept: Any, **changes: Any) -> Any:
+        patched.undo()
+        around.judge(replace(path, name="measured meanwhile"), plan)
+        return replace(kept, **changes)
+
+    with monkeypatch.context() as patched:
+        patched.setattr("ronnaplan.case.surroundings.replace", replace_later)
+        stricter = around.with_documents(Rules(Limits(longest_path_mm=10.0)), None, None)
+    assert stricter.judge(path, plan).broken
+
+
 def test_while_an_end_is_dragged_a_no_go_region_is_its_voxels_and_then_the_surface_behind_them() -> None:
     volume = cases.volume()
     index = np.moveaxis(np.indices(volume.voxels_hu.shape), 0, -1).astype(np.float64)
