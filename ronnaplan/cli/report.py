@@ -1,4 +1,4 @@
-"""``ronnaplan report``: what was found in a case and how far it can be trusted, on one page."""
+"""``ronnaplan report``: what was found in a case and how far it can be trusted, on one page or in a table."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ from ronnaplan.cli.output import warn
 if TYPE_CHECKING:
     from ronnaplan.case.folder import Case
     from ronnaplan.report.overview import View
+    from ronnaplan.report.quality import Paper
 
-HELP = "Write the quality report of a case as one HTML page or a PDF."
+HELP = "Write the quality report of a case as one HTML page or a PDF, or its trajectories' measures as CSV."
+ENDINGS = (".html", ".pdf", ".csv")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -27,7 +29,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     with_rules(parser)
     parser.add_argument("--name", metavar="TEXT", help="what the case is called (default: as its folder)")
     with_paper(parser)
-    parser.add_argument("-o", "--output", required=True, metavar="FILE", help="report.html or report.pdf")
+    parser.add_argument(
+        "-o", "--output", required=True, metavar="FILE", help="report.html, report.pdf or measures.csv"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -35,13 +39,11 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.case.folder import CaseFiles, read_case, read_scan
     from ronnaplan.documents.files import check_target, write_atomically
     from ronnaplan.errors import UsageError
-    from ronnaplan.report.pdf import print_pdf
-    from ronnaplan.report.quality import quality_report
     from ronnaplan.text import printable
 
     kind = Path(arguments.output).suffix.lower()
-    if kind not in (".html", ".pdf"):
-        raise UsageError(f"the report was to be written to {arguments.output}; give a name in .html or .pdf")
+    if kind not in ENDINGS:
+        raise UsageError(f"the report was to be written to {arguments.output}; give a name in .html, .pdf or .csv")
     check_target(arguments.output)
     files = CaseFiles.of_folder(arguments.case)
     if arguments.limits:
@@ -52,11 +54,21 @@ def run(arguments: argparse.Namespace) -> int:
         rules(arguments),
         arguments.no_go,
     )
-    printed = kind == ".pdf"
-    name = Path(arguments.case).resolve().name if arguments.name is None else arguments.name
-    html = quality_report(case, printable(name), _seen(case), turns=not printed, paper=arguments.paper)
-    write_atomically(arguments.output, print_pdf(html) if printed else html)
+    name = printable(Path(arguments.case).resolve().name if arguments.name is None else arguments.name)
+    write_atomically(arguments.output, _content(case, name, kind, arguments.paper))
     return 0
+
+
+def _content(case: Case, name: str, kind: str, paper: Paper) -> str | bytes:
+    from ronnaplan.report.measures_file import measures_csv
+    from ronnaplan.report.pdf import print_pdf
+    from ronnaplan.report.quality import quality_report
+
+    if kind == ".csv":
+        return measures_csv(case, name)
+    printed = kind == ".pdf"
+    html = quality_report(case, name, _seen(case), turns=not printed, paper=paper)
+    return print_pdf(html) if printed else html
 
 
 def _seen(case: Case) -> View | None:

@@ -27,6 +27,7 @@ MOST_READINGS_BYTES: Final = 16 * 2**20
 MADE: Final = {
     "report.html": ("report", "{case}"),
     "report.pdf": ("report", "{case}"),
+    "measures.csv": ("report", "{case}"),
     "scene.html": ("export", "{case}", "--to", "html"),
     "scene.glb": ("export", "{case}", "--to", "gltf"),
 }

@@ -47,6 +47,17 @@ def test_the_head_is_shown_and_where_it_cannot_be_made_the_report_is_written_wit
     assert "size: Letter" in out.read_text()
 
 
+def test_the_measures_of_a_case_become_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cases.write_case(tmp_path)
+    ask = ["report", str(tmp_path), "--name", "=case", "-o", str(tmp_path / "measures.csv")]
+    assert main(ask) == 1
+    assert "no trajectory can be measured in it; give it with --ct" in capsys.readouterr().err
+    assert main([*ask, "--ct", str(cases.CT)]) == 0
+    head, row = (tmp_path / "measures.csv").read_text().splitlines()
+    assert head.startswith("case,name,length_mm,")
+    assert row.startswith("'=case,left,71.")  # no formula
+
+
 def test_wrong_names_and_empty_folders_are_told_in_a_sentence(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

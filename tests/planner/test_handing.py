@@ -69,7 +69,8 @@ def test_a_report_is_called_as_the_case_and_made_as_it_was_stated(
         origin = Origin(cases.CT, stated=("--paper", "Letter"))
         application.add_routes(Handing(storage, origin, lambda: None, lambda: None).routes())
         async with TestClient(TestServer(application)) as client:
-            answers = [await client.get(f"/download/{name}") for name in ("report.pdf", "plan.csv", "plan.json")]
+            names = ("report.pdf", "measures.csv", "plan.csv", "plan.json")
+            answers = [await client.get(f"/download/{name}") for name in names]
             assert {answer.status for answer in answers} == {HTTPStatus.OK}
             called.extend(unquote(answer.headers["Content-Disposition"]).partition("''")[2] for answer in answers)
 
@@ -81,6 +82,7 @@ def test_a_report_is_called_as_the_case_and_made_as_it_was_stated(
     case = storage.plan.parent.name
     assert called == [
         f"{case} report.pdf",
+        f"{case} measures.csv",
         f"{case} plan.csv",
         "plan.json",
     ]  # a document is refused with another scan
