@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from phantoms.scene import Part, Scene
-from phantoms.solids import box, cylinder, sphere
+from phantoms.solids import box, cylinder, half_space, sphere
 from ronnaplan.ct import CTVolume
 from ronnaplan.localization import localize
 from ronnaplan.localization.examine import fit_place
@@ -69,3 +69,22 @@ def test_a_ball_in_the_air_of_a_housing_keeps_all_that_is_around_it() -> None:
     hollow = Scene((Part(sphere(tuple(CENTER), 18.0), "acrylic"), Part(sphere(tuple(CENTER), 8.0), "air")))
     seen = around(scan(hollow + balls([tuple(CENTER)], 5.0), small_stack(**CLOSE)))
     assert within_its_holder(seen, 5.0, 0.0) is seen
+
+
+GEL = (Part(half_space(tuple(CENTER), (0.0, 1.0, 0.0)), "water"),)
+HOLLOW_IN_SKIN = (
+    Part(half_space(tuple(CENTER + np.array([0.0, 1.0, 0.0])), (0.0, 1.0, 0.0)), "skin"),
+    Part(sphere(tuple(CENTER + np.array([0.0, 1.5, 0.0])), 8.0), "air", embedded=True),
+)
+
+
+@pytest.mark.parametrize(
+    ("under", "material"), [(GEL, "steel"), (HOLLOW_IN_SKIN, "steel"), (HOLLOW_IN_SKIN, "ceramic")]
+)
+def test_a_ball_whose_blur_hides_the_air_beside_it_is_not_embedded(under: tuple[Part, ...], material: str) -> None:
+    """Half of it is in gel, or it lies in a hollow of the skin; taken for embedded it is 75 to 84 um off."""
+    ball = Part(sphere(tuple(CENTER), 5.0), material, embedded=True)
+    (found,) = localize(scan(Scene((*under, ball)), small_stack(**CLOSE)), diameter_mm=5.0, expected=1)
+    error_mm = found.center_mm - CENTER
+    assert np.linalg.norm(error_mm) < 0.03
+    assert error_mm @ np.linalg.solve(found.covariance_mm2, error_mm) < chi2.ppf(0.999, 3)
