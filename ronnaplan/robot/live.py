@@ -8,6 +8,7 @@ base before the tracker (or of the tool in its flange). A movement that both sha
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -22,7 +23,7 @@ from ronnaplan.robot.chain import OTS, Capture, robot_from_ct
 from ronnaplan.robot.recorded import resting_matrix, robot_pose, seen_tool, tool_poses
 from ronnaplan.sigmas import SIGMA_OTS_MM, SIGMA_ROBOT_DEG, SIGMA_ROBOT_MM
 from ronnaplan.text import listed
-from ronnaplan.tracking import Recording
+from ronnaplan.tracking import PointReading, Recording, ToolReading
 from ronnaplan.tracking.frames import labelled_frames
 from ronnaplan.tracking.recording import OK
 
@@ -157,13 +158,13 @@ class LiveChain:
     def _capture(self, recording: Recording) -> Capture:
         """Return the moment's chain from tracker to robot; raises where the tool is not seen or the arm moves."""
         others = tuple(one for one in recording.tools if one.tool != self.robot_device)
-        if not others:
-            raise InputError("the tool is not seen")
+        _require_seen(others, self.tool_device, "the tool")
         sight = seen_tool(
             replace(recording, tools=others), self.tool, tool=self.tool_device, sigma_mm=self.sigma_mm
         )
         if self.robot_device is None:
             return replace(self.capture, ots_from_m=sight)
+        _require_seen(recording.tools, self.robot_device, "the robot's pose")
         driven = resting_matrix(tool_poses(recording, self.robot_device), "the robot")
         told = robot_pose(driven, self.sigma_robot_mm, self.sigma_robot_deg)
         return replace(self.capture, ots_from_m=sight, robot_from_tcp=told)
@@ -204,10 +205,24 @@ class LiveChain:
 
 
 def _too_few(recording: Recording) -> str:
-    """Say that the head is not seen, and what most readings say that do not count."""
-    said = Counter(one.status for one in recording.points if one.status != OK).most_common(1)
-    why = f"; {said[0][1]} readings say '{said[0][0]}'" if said else ""
-    return f"no three of the head's markers off one line are seen{why}"
+    """Say that the head is not seen, and why."""
+    return f"no three of the head's markers off one line are seen{_mostly_said(recording.points)}"
+
+
+def _require_seen(readings: Sequence[ToolReading], device: str | None, what: str) -> None:
+    """Raise `InputError` where none of the poses of ``what``, by its ``device`` or the only ones, counts.
+
+    Where others come, but none of that name, what does come is told when it is looked for.
+    """
+    own = [one for one in readings if device in (None, one.tool)]
+    if not readings or (own and not any(one.usable for one in own)):
+        raise InputError(f"{what} is not seen{_mostly_said(own)}")
+
+
+def _mostly_said(readings: Sequence[PointReading | ToolReading]) -> str:
+    """Say what most readings say that do not count."""
+    said = Counter(one.status for one in readings if one.status != OK).most_common(1)
+    return f"; {said[0][1]} readings say '{said[0][0]}'" if said else ""
 
 
 def _vector(matrix: FloatArray) -> FloatArray:

@@ -75,6 +75,23 @@ def test_a_head_whose_readings_do_not_count_is_unseen_with_the_reason(room: Live
     assert moment.why.endswith(f"off one line are seen; {len(frozen)} readings say 'repeated'")
 
 
+@pytest.mark.parametrize(("device", "told"), [("tool", "the tool"), ("robot", "the robot's pose")])
+def test_poses_that_do_not_count_are_told_as_a_streams_and_not_as_a_files(
+    room: LiveRoom, device: str, told: str
+) -> None:
+    """A stream of NaN was advised to have a ';' between its columns."""
+    whole = recording(room)
+    hidden = tuple(
+        replace(one, matrix=None, status="no pose") if one.tool == device else one for one in whole.tools
+    )
+    for tool_device in ("tool", None):
+        moment = live(room, tool_device=tool_device).judge(replace(whole, tools=hidden))
+        assert moment.status is LiveStatus.UNSEEN
+        assert moment.why == f"{told} is not seen; 10 readings say 'no pose'"
+    moment = live(room, tool_device="other").judge(whole)
+    assert moment.why == "simulated has no tool 'other'; it has tool"
+
+
 def test_what_moved_by_more_than_the_gate_in_steps_is_followed(room: LiveRoom) -> None:
     chain = live(room)
     for far in np.arange(1, 6) * 8.0:
