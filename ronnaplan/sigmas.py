@@ -32,3 +32,6 @@ are made to. A board that was printed or measured by a ruler is off by 0.001 and
 
 LARGEST_STATED_MM = 0.012
 """A center that two cameras find with a larger stated error (RMS) is refused. Few err by 0.02 mm."""
+
+LARGEST_TO_STATE_MM = 0.5
+"""No larger limit of it can be asked for: what is known no better a tracker tells as well."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from ronnaplan.cli.case_options import Declares
 from ronnaplan.cli.values import number, sigma_mm
-from ronnaplan.sigmas import SIGMA_ROBOT_DEG, SIGMA_ROBOT_MM
+from ronnaplan.sigmas import LARGEST_STATED_MM, LARGEST_TO_STATE_MM, SIGMA_ROBOT_DEG, SIGMA_ROBOT_MM
 
 if TYPE_CHECKING:
     from ronnaplan.geometry import FloatArray
@@ -42,6 +42,17 @@ def with_robot_sigmas(parser: Declares) -> None:
     )
 
 
+def with_largest_error(parser: Declares, what: str) -> None:
+    """Declare above which stated error ``what`` is refused."""
+    parser.add_argument(
+        "--largest-error",
+        type=stated_mm,
+        default=LARGEST_STATED_MM,
+        metavar="MM",
+        help=f"refuse {what} whose stated error in the rig (RMS) is larger (default: %(default)s)",
+    )
+
+
 def with_output(parser: Declares, what: str) -> None:
     """Declare where ``what`` is written."""
     parser.add_argument("-o", "--output", metavar="FILE", help=f"{what} (default: standard output)")
@@ -52,6 +63,16 @@ def degrees(text: str) -> float:
     value = number(text)
     if not 0 < value <= 10:
         raise argparse.ArgumentTypeError(f"{text} is no standard deviation in degrees; expected above 0, up to 10")
+    return value
+
+
+def stated_mm(text: str) -> float:
+    """Return the largest error in mm that may be stated."""
+    value = number(text)
+    if not 0 < value <= LARGEST_TO_STATE_MM:
+        raise argparse.ArgumentTypeError(
+            f"{text} is no largest error in mm; expected above 0, up to {LARGEST_TO_STATE_MM:g}"
+        )
     return value
 
 

@@ -5,8 +5,16 @@ from __future__ import annotations
 import argparse
 
 from ronnaplan.cli.output import tell, warn
-from ronnaplan.cli.robot_options import degrees, read_looks, rms, size_mm, with_output, with_robot_sigmas
-from ronnaplan.sigmas import LARGEST_STATED_MM, SIGMA_LAMP_DEG
+from ronnaplan.cli.robot_options import (
+    degrees,
+    read_looks,
+    rms,
+    size_mm,
+    with_largest_error,
+    with_output,
+    with_robot_sigmas,
+)
+from ronnaplan.sigmas import SIGMA_LAMP_DEG
 
 HELP = "Find the markers again in the cameras' images, in the robot's coordinates."
 
@@ -19,13 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("robot", metavar="ROBOT", help="the robot's poses of its TCP, whose frames are the looks")
     parser.add_argument("--rig", required=True, metavar="FILE", help="rig.json of stereo-calibrate")
     parser.add_argument("--diameter", type=size_mm, required=True, metavar="MM", help="of the markers")
-    parser.add_argument(
-        "--largest-error",
-        type=size_mm,
-        default=LARGEST_STATED_MM,
-        metavar="MM",
-        help="refuse a marker whose stated error in the rig (RMS) is larger (default: %(default)s)",
-    )
+    with_largest_error(parser, "a marker")
     parser.add_argument(
         "--lamp-offset",
         type=degrees,

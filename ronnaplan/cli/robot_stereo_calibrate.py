@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from ronnaplan.cli.output import tell, warn
-from ronnaplan.cli.robot_options import read_looks, size_mm, with_output, worth
+from ronnaplan.cli.robot_options import read_looks, size_mm, with_largest_error, with_output, worth
 from ronnaplan.cli.values import number
 from ronnaplan.sigmas import SIGMA_SQUARE
 
@@ -30,6 +30,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="standard error of that side (default %(default)s; printed boards: 0.1 and more)",
     )
     parser.add_argument("--diameter", type=size_mm, required=True, metavar="MM", help="of the resting sphere")
+    with_largest_error(parser, "a look at it")
     with_output(parser, "rig.json")
 
 
@@ -56,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
         sigma_square=arguments.sigma_square / 100,
     )
     unplaced = cameras.rig(Pose.exact(np.eye(4), TCP, RIG))
-    spheres = in_rig(looks, unplaced, diameter_mm=arguments.diameter)
+    spheres = in_rig(looks, unplaced, diameter_mm=arguments.diameter, largest_mm=arguments.largest_error)
     require_size(spheres, unplaced, arguments.diameter)
     tcp = calibrate_tcp(poses, [sphere.position_mm for sphere in spheres])
     notes = (*notes, *cameras.doubts)

@@ -453,6 +453,10 @@ def test_how_well_the_squares_are_known_counts_in_what_the_cameras_know(
     assert "most of that is how well the side of the board's squares is known" in capsys.readouterr().err
     assert not out.exists()
     assert read(home / "rig.json")["calibrated_on"]["sigma_square"] == 1e-4  # where nothing is stated
+    stated = ["robot", "stereo-calibrate", *shown, *sizes, *printed, "--largest-error"]
+    assert main([*stated, "0.2"]) == 0
+    assert read(out)["calibrated_on"]["sigma_square"] == 1e-3
+    assert main([*stated, "0.51"]) == 2
 
 
 def test_squares_of_another_size_than_stated_contradict_the_sphere(home: Path) -> None:
