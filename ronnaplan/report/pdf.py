@@ -44,10 +44,9 @@ def print_pdf(html: str) -> bytes:
             printed = _printed(browser, html, Path(folder))
         except (OSError, subprocess.SubprocessError) as error:
             raise _unprinted(browser, Path(folder)) from error
+        # Chromium ends well where the disk took half of it, or nothing.
         if not (printed.startswith(b"%PDF-") and printed.rstrip().endswith(b"%%EOF")):
-            raise _unprinted(
-                browser, Path(folder)
-            )  # Chromium ends well where the disk took half of it, or nothing
+            raise _unprinted(browser, Path(folder))
         return printed
 
 
