@@ -184,7 +184,7 @@ def _counted(found: Fiducials) -> str:
 
 
 def _table(outcomes: Sequence[Outcome]) -> str:
-    from ronnaplan.tracking.tables import plain_text
+    from ronnaplan.tracking.cells import plain_text
 
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")

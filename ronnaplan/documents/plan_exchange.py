@@ -18,8 +18,9 @@ from ronnaplan.planning.electrodes import electrode_named
 from ronnaplan.planning.plan import Plan
 from ronnaplan.planning.trajectory import Instrument, Trajectory, instrument_named
 from ronnaplan.text import BLANKS
+from ronnaplan.tracking.cells import number, plain_text, unescaped
 from ronnaplan.tracking.slicer import LINE, LPS_FROM_RAS, Markup, read_markups_file
-from ronnaplan.tracking.tables import number, plain_text, read_rows, require_table, unescaped
+from ronnaplan.tracking.tables import read_rows, require_table
 
 SYSTEMS = ("LPS", "RAS")
 

@@ -162,7 +162,7 @@ def _about_tip(pose: Pose) -> FloatArray:
 
 
 def _csv(document: RobotPointsDocument) -> str:
-    from ronnaplan.tracking.tables import plain_text
+    from ronnaplan.tracking.cells import plain_text
 
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")

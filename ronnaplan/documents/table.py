@@ -6,7 +6,7 @@ import csv
 import io
 
 from ronnaplan.documents.fiducials import FiducialsDocument
-from ronnaplan.tracking.tables import plain_text
+from ronnaplan.tracking.cells import plain_text
 
 HEADER = (
     *("label", "x", "y", "z", "sigma_x", "sigma_y", "sigma_z"),

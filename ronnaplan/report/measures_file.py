@@ -12,7 +12,7 @@ from ronnaplan.errors import InputError
 from ronnaplan.planning import Measures
 from ronnaplan.planning.rows import errors_by_basis, verdict_sentence
 from ronnaplan.planning.uncertainty import PathError
-from ronnaplan.tracking.tables import plain_text
+from ronnaplan.tracking.cells import plain_text
 
 SHAPE_COLUMNS = (
     *("length_mm", "depth_below_scalp_mm", "depth_below_skull_mm", "skull_thickness_mm", "skull_angle_deg"),

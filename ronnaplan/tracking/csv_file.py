@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections import Counter
-from collections.abc import Mapping, Set
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +15,18 @@ from ronnaplan.bounds import LARGEST_SIGMA_MM, SMALLEST_SIGMA_MM
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.text import BLANKS, printable
+from ronnaplan.tracking.cells import (
+    MISSING,
+    NO_NUMBER,
+    STATUS_COLUMNS,
+    TRUTH_COLUMNS,
+    frame_number,
+    number,
+    place_status,
+    plain_text,
+    stated_status,
+    unescaped,
+)
 from ronnaplan.tracking.matrix_csv import lacking
 from ronnaplan.tracking.recording import (
     OK,
@@ -24,20 +36,8 @@ from ronnaplan.tracking.recording import (
     ToolReading,
     quaternion_pose,
 )
-from ronnaplan.tracking.tables import (
-    MISSING,
-    NO_NUMBER,
-    frame_number,
-    number,
-    place_status,
-    plain_text,
-    read_rows,
-    require_table,
-    stated_status,
-    unescaped,
-)
+from ronnaplan.tracking.tables import POINT_NAMES, TOOL_NAMES, passed_over, read_rows, require_table
 
-LABEL_NAMES = ("label", "name", "marker", "id")
 QUATERNION_NAMES = ("q0", "qx", "qy", "qz")
 KINDS = ("point", "tool")
 NOT_STATED = MISSING - {"nan"}
@@ -47,6 +47,12 @@ COLUMNS = (
     *("sigma", "error_mm", "status"),
 )
 SYSTEM_COLUMNS = ("coordinate_system", "coordinates")
+KNOWN_COLUMNS = frozenset(
+    {
+        *("kind", "frame", "time", "x", "y", "z", "sigma", "error"),
+        *(*QUATERNION_NAMES, *TOOL_NAMES, *SYSTEM_COLUMNS, *STATUS_COLUMNS, *TRUTH_COLUMNS),
+    }
+)
 LONGEST_FRAME_NAME = 64
 MOST_SHOWN = 5
 MOST_COLUMNS = 16
@@ -67,7 +73,9 @@ def read_csv(path: Path) -> Recording:
     require_table(path, header, rows)
     cells = [dict(zip(header, row, strict=False)) for row in rows]
     frame = _coordinate_frame(path, cells, delimiter)
-    poses = {_label(row) for row in cells if any(row.get(name, "").strip() for name in QUATERNION_NAMES)} - {""}
+    poses = {
+        _name(row, TOOL_NAMES) for row in cells if any(row.get(name, "").strip() for name in QUATERNION_NAMES)
+    } - {""}
     numbered = any(number(row.get("frame", ""), delimiter) is not None for row in cells)
     points: list[PointReading] = []
     tools: list[ToolReading] = []
@@ -83,7 +91,8 @@ def read_csv(path: Path) -> Recording:
             reading = replace(reading, status=NO_NUMBER)
         tools.append(reading)
         counts[reading.tool] += 1
-    return Recording(str(path), tuple(points), tuple(tools), frame, numbered=numbered)
+    notes = passed_over(header, rows, KNOWN_COLUMNS)
+    return Recording(str(path), tuple(points), tuple(tools), frame, notes, numbered=numbered)
 
 
 def _require_columns(path: Path, header: list[str]) -> None:
@@ -138,19 +147,19 @@ def _reading(path: Path, row: Mapping[str, str], delimiter: str, poses: Set[str]
         return np.nan if found is None else found
 
     position = np.array([value(axis) for axis in "xyz"])
-    label = _label(row)
+    tool = _name(row, TOOL_NAMES)
     status = stated_status(row)
     cell = row.get("frame", "")
     index = 0 if number(cell, delimiter) is None else frame_number(path, cell, delimiter, 0)
     kind = row.get("kind", "").strip().lower()
     if kind not in ("", *KINDS):
         raise InputError(f"{path} has a row of the kind '{kind}'; expected {' or '.join(KINDS)}")
-    if kind == "tool" or (not kind and (label in poses or any(row.get(k, "").strip() for k in QUATERNION_NAMES))):
+    if kind == "tool" or (not kind and (tool in poses or any(row.get(k, "").strip() for k in QUATERNION_NAMES))):
         matrix = quaternion_pose(np.array([value(name) for name in QUATERNION_NAMES]), position)
         error_mm = number(row.get("error", ""), delimiter)
         if matrix is None and status == OK:
             status = "no pose"
-        return ToolReading(index, label, matrix, value("time"), error_mm, status)
+        return ToolReading(index, tool, matrix, value("time"), error_mm, status)
     if status == OK:
         status = place_status([row.get(axis, "") for axis in "xyz"], position, delimiter)
     written = row.get("sigma", "").strip(BLANKS)
@@ -161,11 +170,12 @@ def _reading(path: Path, row: Mapping[str, str], delimiter: str, poses: Set[str]
         and not SMALLEST_SIGMA_MM <= (sigma or 0.0) < LARGEST_SIGMA_MM
     ):
         status = f"sigma is '{printable(written, 40)}' mm"
+    label = _name(row, POINT_NAMES)
     return PointReading(index, position, label, value("time"), sigma, status)
 
 
-def _label(row: Mapping[str, str]) -> str:
-    return next((unescaped(row[name].strip()) for name in LABEL_NAMES if row.get(name, "").strip()), "")
+def _name(row: Mapping[str, str], columns: Sequence[str]) -> str:
+    return next((unescaped(row[name].strip()) for name in columns if row.get(name, "").strip()), "")
 
 
 def _coordinate_frame(path: Path, cells: list[dict[str, str]], delimiter: str) -> Frame:

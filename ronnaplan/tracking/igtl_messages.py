@@ -19,6 +19,7 @@ from pyigtl.messages import CRC64
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.text import printable
+from ronnaplan.tracking.cells import stated_status
 from ronnaplan.tracking.recording import (
     OK,
     PointReading,
@@ -27,7 +28,6 @@ from ronnaplan.tracking.recording import (
     quaternion_pose,
     tool_reading,
 )
-from ronnaplan.tracking.tables import stated_status
 
 HEADER = struct.Struct(">H12s20sIIQQ")
 EXTENDED_HEADER = struct.Struct(">HHII")
@@ -50,6 +50,8 @@ POINT_ITEM = np.dtype(
 )
 POSITION_ITEM = struct.Struct(">64s32s4B8f20s")
 POSITION_BYTES = (12, 24, 28)
+UNREAD_TOOLS, UNREAD = ("TDATA", "QTDATA"), "messages are not read; have their tools sent as TRANSFORM"
+"""Kinds that hold poses and are not read, and what is told of them."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +147,8 @@ class Stream:
         others = sum(self._left_out.values()) - sum(count for _, count in self._left_out.most_common(MOST_NOTES))
         if others:
             told.append(f"{others} more messages were left out for other reasons")
-        return [*told, *self._roundings.notes]
+        unread = [f"{self._passed_over[kind]} {kind} {UNREAD}" for kind in UNREAD_TOOLS if self._passed_over[kind]]
+        return [*told, *unread, *self._roundings.notes]
 
     @property
     def passed_over(self) -> list[str]:
@@ -193,7 +196,8 @@ class Stream:
         return max(len(self._latest), *(len(table) for table in tables))
 
     def _take(self, message: Message, body: bytes) -> None:
-        unpack = {"POINT": self._take_points, "TRANSFORM": self._take_transform, "POSITION": self._take_positions}
+        unpack = {"POINT": self._take_points, "TRANSFORM": self._take_transform}
+        unpack |= dict.fromkeys(("POSITION", "QTRANS"), self._take_positions)  # two names of one kind
         if message.kind not in unpack:
             self._passed_over[message.kind] += 1
             return

@@ -8,14 +8,22 @@ from pathlib import Path
 
 import numpy as np
 
+from ronnaplan.tracking.cells import (
+    NO_NUMBER,
+    STATUS_COLUMNS,
+    TRUTH_COLUMNS,
+    frame_number,
+    number,
+    stated_status,
+)
 from ronnaplan.tracking.recording import OK, Recording, Roundings, tool_reading
-from ronnaplan.tracking.tables import NO_NUMBER, frame_number, number, read_rows, require_table, stated_status
+from ronnaplan.tracking.tables import passed_over, read_rows, require_table
 
 FIRSTS = (0, 1)
 """Rows and columns are counted from either; which one is told by the first column's name."""
 MOST_LACKING = 6
 """A table that lacks no more of a matrix's twelve columns was meant to hold one."""
-TOOL_NAMES = ("tool", "label", "name")
+TOOL_NAMES = ("tool", "tool_name", "label", "name")
 SECONDS = {"time": 1.0, "time_ns": 1e-9, "timestamp_ns": 1e-9}
 
 
@@ -58,7 +66,9 @@ def read_matrices(path: Path) -> Recording:
         tools.append(reading)
         counts[tool] += 1
         roundings.add(excess)
-    return Recording(str(path), tools=tuple(tools), notes=roundings.notes, numbered=numbered)
+    known = {*names, *TOOL_NAMES, *SECONDS, *STATUS_COLUMNS, *TRUTH_COLUMNS, "frame"}
+    notes = (*roundings.notes, *passed_over(header, rows, known))
+    return Recording(str(path), tools=tuple(tools), notes=notes, numbered=numbered)
 
 
 def _names(first: int) -> list[str]:

@@ -15,13 +15,15 @@ import numpy as np
 
 from ronnaplan.errors import InputError
 from ronnaplan.text import BLANKS
+from ronnaplan.tracking.cells import STATUS_COLUMNS, frame_number, number, place_status
 from ronnaplan.tracking.recording import OK, PointReading, Recording, ToolReading, quaternion_pose
-from ronnaplan.tracking.tables import STATUS_COLUMNS, frame_number, number, place_status, read_rows
+from ronnaplan.tracking.tables import read_rows
 
 QUATERNION = ("q0", "qx", "qy", "qz")
 ANGLES = frozenset({"rx", "ry", "rz"})
 POSITION = ("tx", "ty", "tz")
-FRAMES = frozenset({"frame", "frame_number"})
+TOOLS = ("tool", "toolinfo", "tool_id", "tool_name", "name", "port", "porthandle", "toolhandle", "tool_handle")
+"""Columns that name the tool whose pose stands behind them; the nearest one counts."""
 FACE_STATES = frozenset({"ok", "enabled", "valid", "partially_out_of_volume"})
 
 
@@ -62,7 +64,7 @@ def read_ndi(path: Path) -> Recording:
         for number_in_line, (column, owner) in enumerate(_markers(layout, header, row)):
             tool = seen[owner] if owner >= 0 else None
             points.append(cells.marker(column, tool, number_in_line))
-    return Recording(str(path), tuple(points), tuple(tools), numbered=not FRAMES.isdisjoint(header))
+    return Recording(str(path), tuple(points), tuple(tools), numbered="frame" in header)
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ class _Row:
 
     @property
     def frame(self) -> int:
-        cell = self.text(next((k for k, name in enumerate(self.header) if name in FRAMES), -1))
+        cell = self.text(self.header.index("frame") if "frame" in self.header else -1)
         return frame_number(self.path, cell, self.delimiter, self.index)
 
     @property
@@ -98,7 +100,7 @@ class _Row:
         return seconds + 1e-9 * nanoseconds
 
     def tool(self, column: int, order: int) -> ToolReading:
-        name = self.text(self.before(column, "tool", "toolinfo", "tool_id", "port", "porthandle", "toolhandle"))
+        name = self.text(self.before(column, *TOOLS))
         status = _status(self.text(self.before(column, "transformstatus", "state", "status")))
         matrix = None
         if _told_by_quaternion(self.header, column):

@@ -13,8 +13,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.text import printable
+from ronnaplan.tracking.cells import FALSE, number
 from ronnaplan.tracking.recording import OK, PointReading, Recording
-from ronnaplan.tracking.tables import FALSE, number, read_rows, read_text, require_table, split_rows
+from ronnaplan.tracking.tables import read_rows, read_text, require_table, split_rows
 from ronnaplan.untrusted import checked, parse_json, read_whole
 
 LPS_FROM_RAS = np.array([-1.0, -1.0, 1.0])

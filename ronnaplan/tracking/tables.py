@@ -5,21 +5,20 @@ from __future__ import annotations
 import codecs
 import csv
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence, Set
 from pathlib import Path
 
-import numpy as np
-
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray
-from ronnaplan.text import BLANKS, plain_number, printable
-from ronnaplan.tracking.recording import OK
+from ronnaplan.text import printable
+from ronnaplan.tracking.cells import MISSING, number
 from ronnaplan.untrusted import read_whole
 
 DELIMITERS = (",", ";", "\t")
 SEPARATOR_LINE = re.compile(r'\s*"?sep=(?P<delimiter>[^\r\n])"?[ ,;\t]*\r*(\n|$)', re.IGNORECASE)
 """By which a first line tells a spreadsheet what stands between the columns."""
 MOST_TEXT_BYTES = 2**27
+MOST_NAMED, LONGEST_NAME = 12, 40
+"""Of the columns that are not read, how many are told, and how much of a name."""
 MOST_ROWS = 500_000
 """Seven hours of a tracker's frames at 20 Hz; a file with more rows or bytes would take the memory."""
 LENGTHS = frozenset(
@@ -29,29 +28,20 @@ LENGTHS = frozenset(
     }
 )
 """Columns that are lengths in mm, by the first word of their name."""
-MOST_FRAMES = 2**53 - 1
-"""Beyond, a number that is read as a float may be a neighbour of the one that is written."""
-MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "missing", "-"})
-NO_POSITION = "no position"
-NO_PLAIN_NUMBER = "a coordinate that is no plain number, such as -1234.5"
-"""Statuses of a reading without a place: one that is not written, and one that is written otherwise."""
-NO_NUMBER = "no frame number"
-"""Status of a pose of no numbered frame among numbered ones: it would be taken for another frame's."""
 UNIT_WORDS = frozenset({"unit", "units"})
 MILLIMETRES = frozenset({"mm", "millimeter", "millimeters", "millimetre", "millimetres"})
+SECONDS = frozenset({"s", "sec", "secs", "second", "seconds"})
 UNIT = re.compile(r"[\[(]?([munµμcd]?m|in|inch|inches|(milli|micro|centi)?met(er|re)s?)[\])]?", re.IGNORECASE)
 """A cell that holds a unit of length in the place of a number."""
-STATUS_COLUMNS = ("status", "state")
-TRUTH_COLUMNS = ("valid", "visible", "seen", "usable")
+POINT_NAMES = ("label", "name", "marker", "id")
+TOOL_NAMES = ("label", "name", "marker", "tool", "tool_name", "id")
+"""Columns that name what a row tells of; the first one that it fills counts."""
+SAME_COLUMNS = {"qw": "q0", "frame_number": "frame"}
 AXES = (
     *(frozenset(names) for names in (("x", "y", "z"), ("tx", "ty", "tz"), ("l", "p", "s"), ("r", "a", "s"))),
     *(frozenset(names) for names in (("m03", "m13", "m23"), ("m14", "m24", "m34"))),
 )
 """What columns of places are called, by the first word of their name."""
-TRUE = frozenset({"true", "yes", "y", "t", "ok"})
-FALSE = frozenset({"0", "false", "no", "n", "f"})
-FORMULA = ("=", "+", "-", "@", "\t", "\r", "'")
-"""A spreadsheet takes a text that begins so for a formula, or swallows its first character."""
 
 
 def read_text(path: Path) -> str:
@@ -88,9 +78,9 @@ def seems_table(beginning: bytes) -> bool:
 def read_rows(path: Path) -> tuple[list[str], list[list[str]], str]:
     """Return the header's normalized names, the rows below it and the delimiter. Blank lines are left out.
 
-    So is a first row that holds units. Raises `InputError` for a file without a header, for two columns of one name
-    that hold lengths, and for lengths not in mm or times not in s, stated in the header, in that first row or in a
-    column ``unit``.
+    So is a first row that holds units. Raises `InputError` for a file without a header, for lengths not in mm or times
+    not in s, stated in the header, in that first row or in a column of units, and for lengths of which some have a
+    comma and some a point.
     """
     text = read_text(path)
     told = SEPARATOR_LINE.match(text)
@@ -115,6 +105,7 @@ def read_rows(path: Path) -> tuple[list[str], list[list[str]], str]:
         _require_unit(path, cell, name)
     below = _below_units(path, header, rows[1:])
     _require_mm(path, header, below)
+    _require_one_sign(path, header, below, delimiter)
     return header, below, delimiter
 
 
@@ -168,22 +159,42 @@ def require_table(path: Path, header: Sequence[str], rows: Sequence[Sequence[str
             )
 
 
+def passed_over(header: Sequence[str], rows: Sequence[Sequence[str]], known: Set[str]) -> tuple[str, ...]:
+    """Return a sentence that names the columns that hold something and are not ``known``, where there are any."""
+    filled = {k for row in rows for k, cell in enumerate(row) if cell.strip()}
+    names = [
+        name
+        for k, name in enumerate(header)
+        if name not in known and not UNIT_WORDS & set(name.split("_")) and k in filled
+    ]
+    if not names:
+        return ()
+    shown = ", ".join(printable(name or "without a name", LONGEST_NAME) for name in names[:MOST_NAMED])
+    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+    return (f"columns that are not read: {shown}{more}",)
+
+
 def _require_unit(path: Path, cell: str, name: str) -> None:
     """Raise `InputError` for a length that is not in mm or a time that is not in s."""
     quantity = name.split("_")[0]
-    expected = "mm" if quantity in LENGTHS else "s" if quantity == "time" else None
+    expected, names = ("mm", MILLIMETRES) if quantity in LENGTHS else ("s", SECONDS)
     stated = re.search(r"[\[(](.*?)[\])]", cell) or re.search(
         r"[_ ]([munµμcd]?m|in|inch|inches)$", cell.strip().lower()
     )
-    if expected and stated and stated[1].strip().lower() not in (MILLIMETRES if expected == "mm" else {expected}):
+    if (quantity in LENGTHS or quantity == "time") and stated and stated[1].strip().lower() not in names:
         raise InputError(
             f"{path} has the column '{cell.strip()}'; expected it in {expected}, so convert the numbers and rename it"
         )
 
 
 def _require_mm(path: Path, header: list[str], rows: list[list[str]]) -> None:
-    """Raise `InputError` where a column (``unit``, ``length_unit`` ...) says for its row that lengths are not in mm."""
-    for column in (k for k, name in enumerate(header) if UNIT_WORDS & set(name.split("_")) and "time" not in name):
+    """Raise `InputError` where a column says for its row that lengths are not in mm.
+
+    It is called ``unit``, ``length_unit`` ..., or, as in other languages, otherwise, and holds nothing but units.
+    """
+    called = {k for k, name in enumerate(header) if UNIT_WORDS & set(name.split("_")) and "time" not in name}
+    named = {k for k, name in enumerate(header) if name in TOOL_NAMES}
+    for column in sorted(called | (_of_units(rows, len(header)) - named)):
         for place, row in enumerate(rows, start=1):
             stated = row[column].strip() if column < len(row) else ""
             if stated.lower() not in MISSING | MILLIMETRES:
@@ -193,88 +204,35 @@ def _require_mm(path: Path, header: list[str], rows: list[list[str]]) -> None:
                 )
 
 
+def _of_units(rows: list[list[str]], columns: int) -> set[int]:
+    """Return the columns in which each cell that is not empty is a unit of length."""
+    cells = ({row[k].strip() for row in rows if k < len(row)} - {""} for k in range(columns))
+    return {k for k, found in enumerate(cells) if found and all(map(UNIT.fullmatch, found))}
+
+
+def _require_one_sign(path: Path, header: list[str], rows: list[list[str]], delimiter: str) -> None:
+    """Raise `InputError` where lengths have points and commas: commas are decimal then, or separate thousands."""
+    if delimiter == ",":
+        return
+    columns = [k for k, name in enumerate(header) if name.split("_")[0] in LENGTHS]
+    cells = [row[k] for row in rows for k in columns if k < len(row) and number(row[k], delimiter) is not None]
+    comma, point = (next((cell.strip() for cell in cells if sign in cell), "") for sign in ",.")
+    if comma and point:
+        raise InputError(
+            f"{path} holds the numbers {comma} and {point}; expected a comma or a point in all of them, for a comma "
+            "that separates thousands would be taken for a decimal one"
+        )
+
+
 def column_name(cell: str) -> str:
     """Return ``cell`` lower-case, without ``#``, unit or brackets: ``"#Tx [mm]"`` becomes ``"tx"``.
 
     >>> column_name(" X (mm)"), column_name("Frame#"), column_name("sigma_mm"), column_name("time_s")
     ('x', 'frame', 'sigma', 'time')
 
-    A quaternion's scalar has two names that mean the same: ``"qw"`` becomes ``"q0"``.
+    A quaternion's scalar, and a frame's number, have two names that mean the same: ``"qw"`` becomes ``"q0"``, and
+    ``"Frame Number"`` ``"frame"``.
     """
     bare = re.sub(r"[\[(].*?[\])]", "", cell).replace("#", "").strip().lower()
     name = re.sub(r"_(mm|s)$", "", bare.replace(" ", "_")).strip("_")
-    return "q0" if name == "qw" else name
-
-
-def number(cell: str, delimiter: str = ",") -> float | None:
-    """Return the number in ``cell``, or None for one that is missing or not numeric.
-
-    A decimal comma is understood where the comma is not the delimiter.
-    """
-    text = cell.strip(BLANKS)
-    if text.lower() in MISSING:
-        return None
-    return plain_number(text if delimiter == "," else text.replace(",", "."))
-
-
-def place_status(cells: Sequence[str], position_mm: FloatArray, delimiter: str = ",") -> str:
-    """Return what is to be said of a place (3,) that was read from ``cells``.
-
-    >>> place_status(["1", "", "3"], np.array([1, np.nan, 3])), place_status(["1", "-1,234.5", "3"], np.full(3, np.nan))
-    ('no position', 'a coordinate that is no plain number, such as -1234.5')
-    """
-    if np.isfinite(position_mm).all():
-        return OK
-    odd = any(cell.strip(BLANKS).lower() not in MISSING and number(cell, delimiter) is None for cell in cells)
-    return NO_PLAIN_NUMBER if odd else NO_POSITION
-
-
-def frame_number(path: Path, cell: str, delimiter: str, otherwise: int) -> int:
-    """Return a frame's number, ``otherwise`` where the row has none; raises `InputError` unless it is whole."""
-    if cell.strip(BLANKS).lower() in MISSING:
-        return otherwise
-    value = number(cell, delimiter)
-    if value is None or value != int(value) or abs(value) > MOST_FRAMES:
-        raise InputError(f"{path} has the frame number '{printable(cell.strip(), 40)}'; expected whole numbers")
-    return int(value)
-
-
-def stated_status(row: Mapping[str, str]) -> str:
-    """Return what a row says of its reading: `OK` where it says nothing else.
-
-    A word or number that is neither a yes nor a no says that it is not known whether the reading counts.
-
-    >>> stated_status({"state": " Missing "}), stated_status({"valid": "0"}), stated_status({"x": "1"})
-    ('missing', 'not valid', 'ok')
-    >>> stated_status({"valid": "0.0"}), stated_status({"visible": "FALSCH"}), stated_status({"visible": "4"})
-    ('not valid', "visible is 'falsch', neither yes nor no", 'ok')
-    """
-    said = [unescaped(row[name].strip()).lower() for name in STATUS_COLUMNS if row.get(name, "").strip()]
-    said += [
-        _said_of_truth(name, row[name].strip().lower()) for name in TRUTH_COLUMNS if row.get(name, "").strip()
-    ]
-    return next((status for status in said if status != OK), OK)
-
-
-def _said_of_truth(name: str, word: str) -> str:
-    """Return what ``word``, not empty, in a column of truth values says; other numbers count what was seen."""
-    count = number(word)
-    if word in FALSE or count == 0.0:
-        return f"not {name}"
-    if word in TRUE or (count is not None and count > 0.0):
-        return OK
-    return f"{name} is '{printable(word, 40)}', neither yes nor no"
-
-
-def plain_text(text: str) -> str:
-    """Keep a spreadsheet from taking a text for a formula; `unescaped` takes it back.
-
-    >>> plain_text("=1+1"), plain_text(""), unescaped(plain_text("'a")), unescaped("'n Haarlem")
-    ("'=1+1", '', "'a", "'n Haarlem")
-    """
-    return f"'{text}" if text.startswith(FORMULA) else text
-
-
-def unescaped(text: str) -> str:
-    """Return what `plain_text` was given."""
-    return text[1:] if text.startswith("'") and text[1:].startswith(FORMULA) else text
+    return SAME_COLUMNS.get(name, name)

@@ -108,6 +108,8 @@ def test_a_first_line_that_tells_a_spreadsheet_the_delimiter_is_heard(tmp_path: 
             "but no x, y, z; expected x, y, z in mm, or m00 to m33, and one reading in each row",
         ),
         ("x,y,z,length_unit\n1,2,3,cm\n", "unit is 'cm'"),
+        ("name;x;y;z;Einheit\nA;0,1;0,2;1,3;m\nB;0,2;0,2;1,3;m\n", "row 1 below the header says its unit is 'm'"),
+        ("label\tx\ty\tz\nA\t-1,234\t2.5\t3.5\n", "holds the numbers -1,234 and 2.5; expected a comma or a point"),
         ("x,y,z,frame\n1,2,3,1.5\n", "frame number '1.5'"),
         ("x,y,z,coordinate_system\n1,2,3,0\n", "has the frame '0'; expected a name, such as RAS"),
         ("x,y,z,frame\n1,2,3,1e300\n", "frame number '1e300'"),
@@ -235,6 +237,45 @@ def test_the_identity_is_no_pose_that_was_measured(tmp_path: Path) -> None:
     table = "label,frame,x,y,z,q0,qx,qy,qz\nT,1,0,0,0,1,0,0,0\nT,2,0,0,-900,1,0,0,0\n"
     hidden, seen = read_recording(written(tmp_path, "r.csv", table)).tools
     assert (hidden.status, seen.status) == ("no pose", "ok")
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("name,x,y,z,q1,q2,q3,q4\nA,1,2,3,0,0,0.6,0.8\n", ("columns that are not read: q1, q2, q3, q4",)),
+        ("x,y,z,x1,y1,z1,comment,\n1,2,3,4,5,6,,\n", ("columns that are not read: x1, y1, z1",)),
+        ("name,x,y,z,time,frame,visible,unit,note\nA,1,2,3,0.5,1,1,mm,\n", ()),
+        (matrix_rows(0, 3).replace("timestamp_ns", "stamp"), ("columns that are not read: stamp",)),
+    ],
+)
+def test_columns_that_are_passed_over_are_told(tmp_path: Path, text: str, told: tuple[str, ...]) -> None:
+    """A rotation, a second point or a unit of another name could stand there."""
+    assert read_recording(written(tmp_path, "r.csv", text)).notes == told
+
+
+def test_marker_names_that_are_letters_of_units_are_no_units(tmp_path: Path) -> None:
+    assert [one.label for one in read_recording(written(tmp_path, "r.csv", "name,x,y,z\nM,1,2,3\n")).points] == [
+        "M"
+    ]
+
+
+@pytest.mark.parametrize("name", ["tool", "Tool Name", "label"])
+def test_tools_are_told_apart_by_what_names_them(tmp_path: Path, name: str) -> None:
+    """They were one tool without a name."""
+    rows = "A,7,1,2,3,0,0,0.6,0.8\nB,7,4,5,6,0,0,0.6,0.8\nA,8,,,,,,,\n"
+    recording = read_recording(written(tmp_path, "r.csv", f"{name},Frame Number,x,y,z,qx,qy,qz,qw\n{rows}"))
+    assert [(one.tool, one.frame, one.usable) for one in recording.tools] == [
+        ("A", 7, True),
+        ("B", 7, True),
+        ("A", 8, False),
+    ]
+    assert recording.numbered
+
+
+@pytest.mark.parametrize("unit", ["seconds", "sec", "s"])
+def test_seconds_may_be_written_out(tmp_path: Path, unit: str) -> None:
+    (point,) = read_recording(written(tmp_path, "r.csv", f"x,y,z,Time ({unit})\n1,2,3,0.5\n")).points
+    assert point.time_s == 0.5
 
 
 def test_a_part_of_a_quaternion_is_refused(tmp_path: Path) -> None:

@@ -68,3 +68,11 @@ def test_a_quaternion_whose_scalar_comes_last_is_refused(tmp_path: Path) -> None
     path.write_text("Frame,State,Qx,Qy,Qz,Q0,Tx,Ty,Tz\n1,OK,0,0,0.6,0.8,1,2,3\n")
     with pytest.raises(InputError, match="qx, qy, qz, q0 before a tool's tx; expected q0, qx, qy, qz"):
         read_recording(path)
+
+
+def test_tools_in_rows_are_told_apart_by_their_names(tmp_path: Path) -> None:
+    """Both were called tool 1."""
+    text = "Frame Number,Tool Name,Status,Q0,Qx,Qy,Qz,Tx,Ty,Tz\n5,A,OK,1,0,0,0,1,2,3\n5,B,OK,1,0,0,0,4,5,6\n"
+    recording = read_recording(written(tmp_path, "tools.csv", text))
+    assert [(one.tool, one.frame) for one in recording.tools] == [("A", 5), ("B", 5)]
+    assert recording.numbered

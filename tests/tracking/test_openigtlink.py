@@ -120,12 +120,14 @@ def test_position_messages_in_the_protocols_layouts_and_in_pyigtls() -> None:
     own = pyigtl.PositionMessage(
         positions=[[1, 2, 3]], quaternions=[[0, 0, half, half]], names=["P"], device_name="D"
     )
-    with server([*map(position, bodies), own.pack()], hold=False) as port:
+    other_name = named("QTRANS", b"Q", bodies[0])
+    with server([*map(position, bodies), own.pack(), other_name], hold=False) as port:
         recording = record("127.0.0.1", port, seconds=5)
     quarter_turn = np.array([[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1.0]])
     np.testing.assert_allclose(recording.poses("Pointer")[:2], [quarter_turn, quarter_turn], atol=1e-6)
     np.testing.assert_allclose(recording.poses("Pointer")[2, :, 3], [1, 2, 3, 1])
     np.testing.assert_allclose(recording.poses("P")[0], quarter_turn, atol=1e-6)
+    np.testing.assert_allclose(recording.poses("Q")[0], quarter_turn, atol=1e-6)
 
 
 def test_a_stream_that_closes_midway_keeps_what_came_and_says_so() -> None:
@@ -402,6 +404,13 @@ def test_a_damaged_message_is_left_out_with_a_note() -> None:
 def test_other_messages_are_passed_over() -> None:
     with server([pyigtl.StringMessage("hello", device_name="S").pack(), points()], hold=False) as port:
         assert len(record("127.0.0.1", port, seconds=5).points) == 2
+
+
+def test_poses_in_messages_that_are_not_read_are_told() -> None:
+    """A tool was missing from the recording without a word."""
+    stream = Stream(1.0)
+    stream.feed(points() + named("TDATA", b"Tracker", bytes(70)) + named("TDATA", b"Tracker", bytes(70)))
+    assert stream.notes == ["2 TDATA messages are not read; have their tools sent as TRANSFORM"]
 
 
 @pytest.mark.parametrize(

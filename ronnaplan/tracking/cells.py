@@ -1,0 +1,102 @@
+"""What a single cell of a table of readings says: a number, a place, a frame's number, a status. Nothing is guessed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ronnaplan.errors import InputError
+from ronnaplan.geometry import FloatArray
+from ronnaplan.text import BLANKS, plain_number, printable
+from ronnaplan.tracking.recording import OK
+
+MOST_FRAMES = 2**53 - 1
+"""Beyond, a number that is read as a float may be a neighbour of the one that is written."""
+MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "missing", "-"})
+NO_POSITION = "no position"
+NO_PLAIN_NUMBER = "a coordinate that is no plain number, such as -1234.5"
+"""Statuses of a reading without a place: one that is not written, and one that is written otherwise."""
+NO_NUMBER = "no frame number"
+"""Status of a pose of no numbered frame among numbered ones: it would be taken for another frame's."""
+STATUS_COLUMNS = ("status", "state")
+TRUTH_COLUMNS = ("valid", "visible", "seen", "usable")
+TRUE = frozenset({"true", "yes", "y", "t", "ok"})
+FALSE = frozenset({"0", "false", "no", "n", "f"})
+FORMULA = ("=", "+", "-", "@", "\t", "\r", "'")
+"""A spreadsheet takes a text that begins so for a formula, or swallows its first character."""
+
+
+def number(cell: str, delimiter: str = ",") -> float | None:
+    """Return the number in ``cell``, or None for one that is missing or not numeric.
+
+    A decimal comma is understood where the comma is not the delimiter.
+    """
+    text = cell.strip(BLANKS)
+    if text.lower() in MISSING:
+        return None
+    return plain_number(text if delimiter == "," else text.replace(",", "."))
+
+
+def place_status(cells: Sequence[str], position_mm: FloatArray, delimiter: str = ",") -> str:
+    """Return what is to be said of a place (3,) that was read from ``cells``.
+
+    >>> place_status(["1", "", "3"], np.array([1, np.nan, 3])), place_status(["1", "-1,234.5", "3"], np.full(3, np.nan))
+    ('no position', 'a coordinate that is no plain number, such as -1234.5')
+    """
+    if np.isfinite(position_mm).all():
+        return OK
+    odd = any(cell.strip(BLANKS).lower() not in MISSING and number(cell, delimiter) is None for cell in cells)
+    return NO_PLAIN_NUMBER if odd else NO_POSITION
+
+
+def frame_number(path: Path, cell: str, delimiter: str, otherwise: int) -> int:
+    """Return a frame's number, ``otherwise`` where the row has none; raises `InputError` unless it is whole."""
+    if cell.strip(BLANKS).lower() in MISSING:
+        return otherwise
+    value = number(cell, delimiter)
+    if value is None or value != int(value) or abs(value) > MOST_FRAMES:
+        raise InputError(f"{path} has the frame number '{printable(cell.strip(), 40)}'; expected whole numbers")
+    return int(value)
+
+
+def stated_status(row: Mapping[str, str]) -> str:
+    """Return what a row says of its reading: `OK` where it says nothing else.
+
+    A word or number that is neither a yes nor a no says that it is not known whether the reading counts.
+
+    >>> stated_status({"state": " Missing "}), stated_status({"valid": "0"}), stated_status({"x": "1"})
+    ('missing', 'not valid', 'ok')
+    >>> stated_status({"valid": "0.0"}), stated_status({"visible": "FALSCH"}), stated_status({"visible": "4"})
+    ('not valid', "visible is 'falsch', neither yes nor no", 'ok')
+    """
+    said = [unescaped(row[name].strip()).lower() for name in STATUS_COLUMNS if row.get(name, "").strip()]
+    said += [
+        _said_of_truth(name, row[name].strip().lower()) for name in TRUTH_COLUMNS if row.get(name, "").strip()
+    ]
+    return next((status for status in said if status != OK), OK)
+
+
+def _said_of_truth(name: str, word: str) -> str:
+    """Return what ``word``, not empty, in a column of truth values says; other numbers count what was seen."""
+    count = number(word)
+    if word in FALSE or count == 0.0:
+        return f"not {name}"
+    if word in TRUE or (count is not None and count > 0.0):
+        return OK
+    return f"{name} is '{printable(word, 40)}', neither yes nor no"
+
+
+def plain_text(text: str) -> str:
+    """Keep a spreadsheet from taking a text for a formula; `unescaped` takes it back.
+
+    >>> plain_text("=1+1"), plain_text(""), unescaped(plain_text("'a")), unescaped("'n Haarlem")
+    ("'=1+1", '', "'a", "'n Haarlem")
+    """
+    return f"'{text}" if text.startswith(FORMULA) else text
+
+
+def unescaped(text: str) -> str:
+    """Return what `plain_text` was given."""
+    return text[1:] if text.startswith("'") and text[1:].startswith(FORMULA) else text
