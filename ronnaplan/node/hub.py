@@ -32,6 +32,8 @@ UNDAMAGED = "ok"
 """What SQLite says of a database of which no page is damaged."""
 RESTART_S = 1.0
 """Wait before a receiver that ended is started again."""
+LEAP_S = 1.0
+"""By more than this between two passes the clock does not gain on one that counts steadily, unless it is set."""
 
 
 def run_node(config_path: Path, stop: threading.Event, log: Log, worker: str = WORKER) -> None:
@@ -66,7 +68,7 @@ def run_node(config_path: Path, stop: threading.Event, log: Log, worker: str = W
                 log.tell("no template", rule=rule.name, file=str(config.home / rule.template))
         while not stop.wait(TICK_S):
             try:
-                hub.tick(time.time())
+                hub.tick(time.time(), time.perf_counter())
             except (OSError, sqlite3.Error) as error:  # a full disk, an index that another one holds: tried again
                 log.tell("cannot go on", reason=str(error))
                 stop.wait(RESTART_S)
@@ -106,17 +108,19 @@ class Hub:
         self._receiver_due = 0.0
         self._listens = threading.Event()
         self._listening_since: float | None = None
-        self._last = math.inf
+        self._last = self._steady = math.inf
 
-    def tick(self, now: float) -> None:
-        """Do what is due at ``now`` (seconds since 1970)."""
+    def tick(self, now: float, steady: float) -> None:
+        """Do what is due at ``now`` (seconds since 1970), ``steady`` by a clock that nobody sets (s)."""
+        if self._listening_since is not None and now - self._last > steady - self._steady + LEAP_S:
+            self._listening_since = now  # nobody could send in a time that never was
         if now < self._last:  # the clock was set back, maybe before the node started
             self._index.set_clock_back(now)
             self._foreman.set_clock_back(now)
             self._receiver_due = min(self._receiver_due, now + RESTART_S)
             if self._listening_since is not None:
                 self._listening_since = min(self._listening_since, now)
-        self._last = now
+        self._last, self._steady = now, steady
         self._keep_receiver(now)
         if self._listening_since is not None:
             self._series.tick(now, self._listening_since)

@@ -30,6 +30,8 @@ CLOCK = """
 import os, time
 _speed, _began, _now = float(os.environ["CLOCK_SPEED"]), float(os.environ["CLOCK_BEGAN"]), time.time
 time.time = lambda: _began + (_now() - _began) * _speed
+_steady = time.perf_counter
+time.perf_counter = lambda: _steady() * _speed
 """
 EVERY_S = 720.0
 KEEP_DAYS = 0.125

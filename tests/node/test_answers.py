@@ -67,7 +67,7 @@ class Running:
 
     def tick_until(self, condition: Any, seconds: float = 500.0) -> None:
         def done() -> bool:
-            self.hub.tick(time.time())
+            self.hub.tick(time.time(), time.perf_counter())
             return bool(condition())
 
         until(done, seconds)

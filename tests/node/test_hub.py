@@ -129,9 +129,26 @@ def test_a_clock_that_was_ahead_keeps_nothing_waiting_once_it_is_set_back(
         for now in (50_001.0, 50_009.0, 1000.0, 1009.0):
             if now == 1000.0:
                 hub._foreman._hire_due = 60_000.0
-            hub.tick(now)
+            hub.tick(now, now)
             assert index.rows("SELECT complete FROM series") == [(0,)]
         assert hub._foreman._hire_due == 1001.0
-        hub.tick(1010.1)
+        hub.tick(1010.1, 1010.1)
         assert index.rows("SELECT complete FROM series") == [(1,)]
         assert index.rows("SELECT due FROM jobs ORDER BY due") == [(1000.0,), (3000.0,)]
+
+
+def test_a_clock_that_leaps_ahead_makes_no_time_a_quiet_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A series was complete amid its slices, and answered from a part of them first."""
+    monkeypatch.setattr(hub_module, "Child", Silent)
+    config = configuration(tmp_path, quiet_s=10.0)
+    config.data.mkdir()
+    with Index(config.data) as index:
+        add(index, 0, 1000.0)
+        hub = Hub(tmp_path / "node.toml", config, index, Log(io.StringIO()))
+        complete = []
+        for now, steady in ((1000.0, 50.0), (1003.0, 53.0), (4600.0, 53.2), (4609.0, 62.2), (4610.1, 63.3)):
+            hub.tick(now, steady)
+            complete.append(index.value("SELECT complete FROM series"))
+        assert complete == [0, 0, 0, 0, 1]
