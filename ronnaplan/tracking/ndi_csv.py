@@ -47,13 +47,13 @@ def read_ndi(path: Path) -> Recording:
     """Read an NDI ``path``: tool poses, and every marker with its status.
 
     Markers that belong to a tool are labelled ``<tool>:<n>``; stray markers have no label. Raises `InputError`
-    without poses or markers, and where a quaternion's scalar does not come first.
+    without poses or markers, and where rotations or states stand elsewhere than before the places.
     """
     header, rows, delimiter = read_rows(path)
     if not is_ndi(header):
         raise InputError(f"{path} has columns {', '.join(header[:8])}; expected NDI's Q0..Tz or State, Tx, Ty, Tz")
     layout = _layout(header)
-    _require_scalar_first(path, layout, header)
+    _require_layout(path, layout, header)
     points: list[PointReading] = []
     tools: list[ToolReading] = []
     for index, row in enumerate(rows):
@@ -151,13 +151,21 @@ def _owner(header: list[str], poses: list[int], start: int) -> int:
     return -1 if any("stray" in name for name in header[after:start]) else owner
 
 
-def _require_scalar_first(path: Path, layout: _Layout, header: list[str]) -> None:
-    """Raise `InputError` for a place behind a quaternion in another order: it would be taken for a marker."""
+def _require_layout(path: Path, layout: _Layout, header: list[str]) -> None:
+    """Raise `InputError` for a rotation or a state that stands elsewhere: a tool would be taken for a marker."""
+    used = {column for tx in layout.poses for column in range(tx - 4, tx)}
+    lost = [name for column, name in enumerate(header) if name in QUATERNION and column not in used]
+    if lost:
+        raise InputError(
+            f"{path} has {', '.join(lost)} of a rotation elsewhere than before a tool's tx; expected q0, qx, qy, qz, "
+            "tx, ty, tz in this order"
+        )
     for start, _ in layout.markers:
-        before = header[max(start - 4, 0) : start]
-        if start > 0 and before[-1] in QUATERNION:
+        before = header[start - 1] if start else "nothing"
+        if before not in STATUS_COLUMNS:
             raise InputError(
-                f"{path} has the columns {', '.join(before)} before a tool's tx; expected q0, qx, qy, qz in this order"
+                f"{path} has {before} before a tx; expected State before a marker's tx, ty, tz, or q0, qx, qy, qz "
+                "before a tool's"
             )
 
 

@@ -62,12 +62,19 @@ def test_decimal_commas_between_commas_are_refused(tmp_path: Path, text: str) ->
         read_recording(written(tmp_path, "commas.csv", text))
 
 
-def test_a_quaternion_whose_scalar_comes_last_is_refused(tmp_path: Path) -> None:
-    """The tool was read as a marker whose state is the scalar."""
-    path = tmp_path / "tool.csv"
-    path.write_text("Frame,State,Qx,Qy,Qz,Q0,Tx,Ty,Tz\n1,OK,0,0,0.6,0.8,1,2,3\n")
-    with pytest.raises(InputError, match="qx, qy, qz, q0 before a tool's tx; expected q0, qx, qy, qz"):
-        read_recording(path)
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("Frame,State,Qx,Qy,Qz,Q0,Tx,Ty,Tz\n1,OK,0,0,0.6,0.8,1,2,3\n", "qx, qy, qz, q0 of a rotation elsewhere"),
+        ("Frame,State,Tx,Ty,Tz,Q0,Qx,Qy,Qz\n1,OK,1,2,3,0.8,0,0,0.6\n", "q0, qx, qy, qz of a rotation elsewhere"),
+        ("Frame,State,q1,q2,q3,q4,Tx,Ty,Tz\n1,OK,0.8,0,0,0.6,1,2,3\n", "q4 before a tx; expected State before"),
+        ("Tx,Ty,Tz,State\n1,2,3,Missing\n", "nothing before a tx; expected State before"),
+    ],
+)
+def test_rotations_and_states_that_stand_elsewhere_are_refused(tmp_path: Path, text: str, says: str) -> None:
+    """A tool was read as a marker, with a part of its rotation for a state, or with none."""
+    with pytest.raises(InputError, match=says):
+        read_recording(written(tmp_path, "tool.csv", text))
 
 
 def test_tools_in_rows_are_told_apart_by_their_names(tmp_path: Path) -> None:
