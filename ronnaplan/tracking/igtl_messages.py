@@ -6,7 +6,6 @@ is not the protocol's (seven float32), so both layouts are understood here.
 
 from __future__ import annotations
 
-import math
 import struct
 import time
 from collections import Counter
@@ -20,6 +19,7 @@ from pyigtl.messages import CRC64
 from ronnaplan.geometry import FloatArray
 from ronnaplan.text import printable
 from ronnaplan.tracking.cells import stated_status
+from ronnaplan.tracking.igtl_bodies import PLACE_BYTES, POINT_ITEM, doubles, positions, text
 from ronnaplan.tracking.recording import (
     OK,
     PointReading,
@@ -45,11 +45,6 @@ MOST_NAMES = 1000
 """No tracker has more devices or tools, and no stream more kinds of faults: each is remembered."""
 MOST_NOTES = 20
 MOST_KINDS = 5
-POINT_ITEM = np.dtype(
-    [("name", "S64"), ("group", "S32"), ("rgba", "u1", 4), ("place", ">f4", 3), ("size", ">f4"), ("owner", "S20")]
-)
-POSITION_ITEM = struct.Struct(">64s32s4B8f20s")
-POSITION_BYTES = (12, 24, 28)
 UNREAD_TOOLS, UNREAD = ("TDATA", "QTDATA"), "messages are not read; have their tools sent as TRANSFORM"
 """Kinds that hold poses and are not read, and what is told of them."""
 
@@ -102,11 +97,6 @@ class Message:
         if not EXTENDED_HEADER.size <= size <= end:
             raise ValueError("an extended header beyond the body")
         return body[size:end], body[end:data], body[data:]
-
-
-def text(field: bytes) -> str:
-    """Return the name in a field of fixed length; bytes that are no UTF-8 are escaped, so that names stay apart."""
-    return field.split(b"\0")[0].decode(errors="backslashreplace").strip()
 
 
 class Stream:
@@ -242,7 +232,7 @@ class Stream:
         if len(content) % POINT_ITEM.itemsize:
             raise ValueError(f"{len(content)} bytes")
         items: NDArray[np.void] = np.frombuffer(content, dtype=POINT_ITEM)
-        places = _doubles(items["place"])
+        places = doubles(items["place"])
         finite = np.asarray(np.isfinite(places).all(axis=1))
         for name, place, good in zip(items["name"].tolist(), places, finite.tolist(), strict=True):
             status = OK if good else "no position"
@@ -255,45 +245,32 @@ class Stream:
         if len(content) != 48:
             raise ValueError(f"{len(content)} bytes")
         matrix = np.eye(4)
-        matrix[:3] = _doubles(np.frombuffer(content, dtype=">f4")).reshape(4, 3).T
+        matrix[:3] = doubles(np.frombuffer(content, dtype=">f4")).reshape(4, 3).T
         tool = message.device
         reading, excess = tool_reading(self._next_frame(tool), tool, matrix, message.time_s, status)
         self.tools.append(reading)
         self._roundings.add(excess)
 
     def _take_positions(self, message: Message, body: bytes) -> None:
-        stated = message.pose_status(body)
-        for name, position, quaternion in _positions(message.content(body)):
+        stated, content = message.pose_status(body), message.content(body)
+        if len(content) == PLACE_BYTES:
+            self._take_place(message, doubles(np.frombuffer(content, dtype=">f4")), stated)
+            return
+        for name, position, quaternion in positions(content):
             tool = name or message.device
             matrix = quaternion_pose(quaternion, position)
             status = "no pose" if matrix is None and stated == OK else stated
             self.tools.append(ToolReading(self._next_frame(tool), tool, matrix, message.time_s, None, status))
 
+    def _take_place(self, message: Message, place_mm: FloatArray, stated: str) -> None:
+        """Take a tool's place (3,) that came without its rotation for a point: none is made up."""
+        status = stated if stated != OK or np.isfinite(place_mm).all() else "no position"
+        device = message.device
+        self.points.append(
+            PointReading(self._point_frames, place_mm, device, message.time_s, None, status, device)
+        )
+        self._point_frames += 1
+
     def _next_frame(self, tool: str) -> int:
         self._tool_frames[tool] += 1
         return self._tool_frames[tool] - 1
-
-
-def _doubles(floats: NDArray[np.void]) -> FloatArray:
-    with np.errstate(invalid="ignore"):  # of a signalling NaN, which becomes a quiet one
-        return floats.astype(np.float64)
-
-
-def _positions(content: bytes) -> list[tuple[str, FloatArray, FloatArray]]:
-    """Return (name, position, scalar-first quaternion) of a POSITION body, in either layout."""
-    if len(content) in POSITION_BYTES:
-        values = _doubles(np.frombuffer(content, dtype=">f4"))
-        if len(values) == 3:
-            quaternion = np.array([1.0, 0, 0, 0])
-        elif len(values) == 6:  # the protocol leaves out the scalar part, which is not negative
-            quaternion = np.array([math.sqrt(max(0.0, 1.0 - float(values[3:] @ values[3:]))), *values[3:]])
-        else:
-            quaternion = values[[6, 3, 4, 5]]
-        return [("", values[:3], quaternion)]
-    if not content or len(content) % POSITION_ITEM.size:
-        raise ValueError(f"{len(content)} bytes")
-    found = []
-    for item in POSITION_ITEM.iter_unpack(content):
-        numbers = np.array(item[6:13], dtype=np.float64)
-        found.append((text(item[0]), numbers[:3], numbers[[6, 3, 4, 5]]))
-    return found

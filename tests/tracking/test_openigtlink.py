@@ -124,10 +124,21 @@ def test_position_messages_in_the_protocols_layouts_and_in_pyigtls() -> None:
     with server([*map(position, bodies), own.pack(), other_name], hold=False) as port:
         recording = record("127.0.0.1", port, seconds=5)
     quarter_turn = np.array([[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1.0]])
-    np.testing.assert_allclose(recording.poses("Pointer")[:2], [quarter_turn, quarter_turn], atol=1e-6)
-    np.testing.assert_allclose(recording.poses("Pointer")[2, :, 3], [1, 2, 3, 1])
+    np.testing.assert_allclose(recording.poses("Pointer"), [quarter_turn, quarter_turn], atol=1e-6)
     np.testing.assert_allclose(recording.poses("P")[0], quarter_turn, atol=1e-6)
     np.testing.assert_allclose(recording.poses("Q")[0], quarter_turn, atol=1e-6)
+
+
+def test_a_place_without_a_rotation_is_a_point() -> None:
+    """It was a pose whose rotation nobody had measured."""
+    stream = Stream(1.0)
+    stream.feed(position(struct.pack(">3f", 1, 2, 3)) + position(struct.pack(">3f", np.nan, 2, 3)))
+    assert not stream.tools
+    assert [(one.frame, one.label, one.device, one.usable) for one in stream.points] == [
+        (0, "Pointer", "Pointer", True),
+        (1, "Pointer", "Pointer", False),
+    ]
+    np.testing.assert_array_equal(stream.points[0].position_mm, [1, 2, 3])
 
 
 def test_a_stream_that_closes_midway_keeps_what_came_and_says_so() -> None:
@@ -288,14 +299,12 @@ def test_a_pose_that_plus_calls_invalid_is_flagged(metadata: dict[str, str], sta
     sent = pyigtl.TransformMessage(matrix=AWAY, device_name="ProbeToTracker")
     sent.header_version, sent.metadata = 2, metadata
     packed = sent.pack()
-    body = packed[58:70] + np.array([1.0, 2, 3], dtype=">f4").tobytes() + packed[70 + 48 :]
-    where = struct.pack(">H12s20sIIQQ", 2, b"POSITION", b"Pointer", 3, 0, len(body), CRC64(body)) + body
-    with server([packed, where], hold=False) as port:
+    numbers = ([1, 2, 3, 0, 0, 0.6, 0.8], [1, 2, 3])
+    bodies = [packed[58:70] + np.array(one, dtype=">f4").tobytes() + packed[70 + 48 :] for one in numbers]
+    with server([packed, *(named("POSITION", b"Pointer", body, 2) for body in bodies)], hold=False) as port:
         recording = record("127.0.0.1", port, seconds=5)
-    assert [(tool.tool, tool.status) for tool in recording.tools] == [
-        ("ProbeToTracker", status),
-        ("Pointer", status),
-    ]
+    assert [one.status for one in recording.tools] == [status] * 2
+    assert [one.status for one in recording.points] == [status]
 
 
 def test_a_message_whose_metadata_end_early_is_left_out_with_a_note() -> None:
