@@ -99,19 +99,23 @@ def seems_markups(beginning: bytes) -> bool:
 
 
 def read_markups(path: Path) -> Recording:
-    """Read the control points of every markup in ``path`` (``.mrk.json``), in LPS; undefined ones are flagged.
+    """Read the control points of the markups in ``path`` (``.mrk.json``), in LPS; undefined ones are flagged.
 
-    Raises `InputError` for lines alone: their ends are those of paths, which no tracker read.
+    Lines are left out, with a note: their ends are those of paths, which no tracker read. Raises `InputError` for lines
+    alone.
     """
     markups = read_markups_file(path)
-    if markups and all(markup.type == LINE for markup in markups):
+    lists = [markup for markup in markups if markup.type != LINE]
+    lines = len(markups) - len(lists)
+    if lines and not lists:
         raise InputError(f"{path} holds lines alone, as trajectories are kept; expected a list of points")
     points = [
         _point(position_mm, point.label, OK if point.positionStatus == "defined" else point.positionStatus)
-        for markup in markups
+        for markup in lists
         for point, position_mm in zip(markup.controlPoints, markup.positions_mm, strict=True)
     ]
-    return Recording(str(path), tuple(points), frame=SLICER)
+    notes = (f"lines that are not read: {lines}, as trajectories are kept",) if lines else ()
+    return Recording(str(path), tuple(points), frame=SLICER, notes=notes)
 
 
 def read_fcsv(path: Path) -> Recording:
