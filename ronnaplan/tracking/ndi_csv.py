@@ -21,6 +21,7 @@ from ronnaplan.tracking.tables import read_rows
 
 QUATERNION = ("q0", "qx", "qy", "qz")
 ANGLES = frozenset({"rx", "ry", "rz"})
+ROTATION = ANGLES.union(QUATERNION)
 POSITION = ("tx", "ty", "tz")
 TOOLS = ("tool", "toolinfo", "tool_id", "tool_name", "name", "port", "porthandle", "toolhandle", "tool_handle")
 """Columns that name the tool whose pose stands behind them; the nearest one counts."""
@@ -154,7 +155,7 @@ def _owner(header: list[str], poses: list[int], start: int) -> int:
 def _require_layout(path: Path, layout: _Layout, header: list[str]) -> None:
     """Raise `InputError` for a rotation or a state that stands elsewhere: a tool would be taken for a marker."""
     used = {column for tx in layout.poses for column in range(tx - 4, tx)}
-    lost = [name for column, name in enumerate(header) if name in QUATERNION and column not in used]
+    lost = [name for column, name in enumerate(header) if name in ROTATION and column not in used]
     if lost:
         raise InputError(
             f"{path} has {', '.join(lost)} of a rotation elsewhere than before a tool's tx; expected q0, qx, qy, qz, "

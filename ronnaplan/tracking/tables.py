@@ -169,7 +169,7 @@ def passed_over(header: Sequence[str], rows: Sequence[Sequence[str]], known: Set
     ]
     if not names:
         return ()
-    shown = ", ".join(printable(name or "without a name", LONGEST_NAME) for name in names[:MOST_NAMED])
+    shown = ", ".join(printable(name or "one without a name", LONGEST_NAME) for name in names[:MOST_NAMED])
     more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
     return (f"columns that are not read: {shown}{more}",)
 

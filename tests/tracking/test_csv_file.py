@@ -244,6 +244,7 @@ def test_the_identity_is_no_pose_that_was_measured(tmp_path: Path) -> None:
     [
         ("name,x,y,z,q1,q2,q3,q4\nA,1,2,3,0,0,0.6,0.8\n", ("columns that are not read: q1, q2, q3, q4",)),
         ("x,y,z,x1,y1,z1,comment,\n1,2,3,4,5,6,,\n", ("columns that are not read: x1, y1, z1",)),
+        (",x,y,z\n0,1,2,3\n", ("columns that are not read: one without a name",)),
         ("name,x,y,z,time,frame,visible,unit,note\nA,1,2,3,0.5,1,1,mm,\n", ()),
         (matrix_rows(0, 3).replace("timestamp_ns", "stamp"), ("columns that are not read: stamp",)),
     ],

@@ -67,6 +67,7 @@ def test_decimal_commas_between_commas_are_refused(tmp_path: Path, text: str) ->
     [
         ("Frame,State,Qx,Qy,Qz,Q0,Tx,Ty,Tz\n1,OK,0,0,0.6,0.8,1,2,3\n", "qx, qy, qz, q0 of a rotation elsewhere"),
         ("Frame,State,Tx,Ty,Tz,Q0,Qx,Qy,Qz\n1,OK,1,2,3,0.8,0,0,0.6\n", "q0, qx, qy, qz of a rotation elsewhere"),
+        ("Frame,State,Tx,Ty,Tz,Rx,Ry,Rz\n1,OK,1,2,3,10,20,30\n", "rx, ry, rz of a rotation elsewhere"),
         ("Frame,State,q1,q2,q3,q4,Tx,Ty,Tz\n1,OK,0.8,0,0,0.6,1,2,3\n", "q4 before a tx; expected State before"),
         ("Tx,Ty,Tz,State\n1,2,3,Missing\n", "nothing before a tx; expected State before"),
     ],
