@@ -161,11 +161,10 @@ def require_table(path: Path, header: Sequence[str], rows: Sequence[Sequence[str
 
 def passed_over(header: Sequence[str], rows: Sequence[Sequence[str]], known: Set[str]) -> tuple[str, ...]:
     """Return a sentence that names the columns that hold something and are not ``known``, where there are any."""
-    filled = {k for row in rows for k, cell in enumerate(row) if cell.strip()}
     names = [
         name
         for k, name in enumerate(header)
-        if name not in known and not UNIT_WORDS & set(name.split("_")) and k in filled
+        if name not in known and not UNIT_WORDS & set(name.split("_")) and any(_held(rows, k))
     ]
     if not names:
         return ()
@@ -206,17 +205,25 @@ def _require_mm(path: Path, header: list[str], rows: list[list[str]]) -> None:
 
 def _of_units(rows: list[list[str]], columns: int) -> set[int]:
     """Return the columns in which each cell that is not empty is a unit of length."""
-    cells = ({row[k].strip() for row in rows if k < len(row)} - {""} for k in range(columns))
-    return {k for k, found in enumerate(cells) if found and all(map(UNIT.fullmatch, found))}
+    return {k for k in range(columns) if any(_held(rows, k)) and all(map(UNIT.fullmatch, _held(rows, k)))}
+
+
+def _held(rows: Sequence[Sequence[str]], column: int) -> Iterator[str]:
+    """Yield the cells of a column that are not empty."""
+    return (cell for row in rows if column < len(row) and (cell := row[column].strip()))
 
 
 def _require_one_sign(path: Path, header: list[str], rows: list[list[str]], delimiter: str) -> None:
     """Raise `InputError` where lengths have points and commas: commas are decimal then, or separate thousands."""
     if delimiter == ",":
         return
-    columns = [k for k, name in enumerate(header) if name.split("_")[0] in LENGTHS]
-    cells = [row[k] for row in rows for k in columns if k < len(row) and number(row[k], delimiter) is not None]
-    comma, point = (next((cell.strip() for cell in cells if sign in cell), "") for sign in ",.")
+    lengths = [k for k, name in enumerate(header) if name.split("_")[0] in LENGTHS]
+
+    def first(sign: str) -> str:
+        cells = (cell for k in lengths for cell in _held(rows, k) if sign in cell)
+        return next((cell for cell in cells if number(cell, delimiter) is not None), "")
+
+    comma, point = first(","), first(".")
     if comma and point:
         raise InputError(
             f"{path} holds the numbers {comma} and {point}; expected a comma or a point in all of them, for a comma "
