@@ -68,7 +68,8 @@ def _table(series: Sequence[SeriesSummary], skipped: Sequence[Skipped], with_pat
         if with_patient:
             shown.append(f"     patient: {one.patient_name or '(no name)'}")
         if one.apart:
-            shown.append(f"     a part of its series, which mixes {', '.join(one.apart)}")
+            told = f"; this one: {', '.join(one.part)}" if one.part else ""
+            shown.append(f"     a part of its series, which mixes {', '.join(one.apart)}{told}")
         shown += [f"     cannot be used: {problem}" for problem in one.problems]
         shown += [f"     note: {note}" for note in one.notes]
     if skipped:

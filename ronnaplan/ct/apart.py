@@ -36,7 +36,7 @@ PASSES: Final[dict[str, Callable[[SliceImage], str]]] = {
     "acquisitions": lambda image: image.acquisition,
     "kernels": lambda image: image.kernel,
     "image types": lambda image: "\\".join(image.image_type),
-    "tube voltages": lambda image: "" if image.tube_voltage_kv is None else f"{image.tube_voltage_kv:.0f}",
+    "tube voltages": lambda image: "" if image.tube_voltage_kv is None else f"{image.tube_voltage_kv:.0f} kV",
 }
 """What images of one place are divided by, in this order, by what it is called."""
 
@@ -52,3 +52,12 @@ def what_differs(images: Sequence[SliceImage]) -> tuple[str, ...]:
     plane = [name for name, shared in _PLANE.items() if not all(shared(first, other) for other in others)]
     passes = [name for name, key in PASSES.items() if len({key(image) for image in images}) > 1]
     return tuple(plane or passes)
+
+
+def what_it_has(image: SliceImage, differing: Sequence[str]) -> tuple[str, ...]:
+    """Say what ``image`` has of what the parts of its series differ in (`what_differs`), so that one can be chosen.
+
+    What keeps images from being slices of one stack is not told: that is places, or who the patient is.
+    """
+    told = {name: PASSES[name](image).strip() for name in differing if name in PASSES}
+    return tuple(f"{name.removesuffix('s')} {value or 'not told'}" for name, value in told.items())

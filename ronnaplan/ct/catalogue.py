@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from ronnaplan.ct import tags
+from ronnaplan.ct.apart import what_it_has
 from ronnaplan.ct.files import Blob, DamagedError, NotDicomError, Skipped, given_path
 from ronnaplan.ct.folders import blobs_below
 from ronnaplan.ct.frames import images_of, why_not_scan
@@ -63,6 +64,11 @@ class Series:
         return self.stack.apart if self.stack is not None else ()
 
     @property
+    def part(self) -> tuple[str, ...]:
+        """What tells it from the other parts of its series, such as "kernel H30"; empty where no such value does."""
+        return what_it_has(self.stack.slices[0], self.apart) if self.stack is not None else ()
+
+    @property
     def image_count(self) -> int:
         """Number of slices, or of files where they are not slices of a CT."""
         return len(self.stack.slices) if self.stack is not None else self.file_count
@@ -73,7 +79,8 @@ class Series:
         return self.stack.slices[0].kernel if self.stack is not None else ""
 
     def __str__(self) -> str:
-        return f"{self.key} ({self.image_count} slices, '{self.first.description}')"
+        told = ", ".join((f"{self.image_count} slices", f"'{self.first.description}'", *self.part))
+        return f"{self.key} ({told})"
 
 
 @dataclass(frozen=True)

@@ -185,8 +185,8 @@ def _acquisition(facts: Elements) -> str:
     frame_numbers = [
         facts[tag].hex() for tag in (tags.TEMPORAL_POSITION_INDEX, tags.FRAME_ACQUISITION_NUMBER) if tag in facts
     ]
-    numbers = [text(facts, tag) for tag in (tags.ACQUISITION_NUMBER, tags.TEMPORAL_POSITION_IDENTIFIER)]
-    return " ".join([*numbers, *frame_numbers])
+    time = text(facts, tags.TEMPORAL_POSITION_IDENTIFIER)
+    return " ".join([text(facts, tags.ACQUISITION_NUMBER), f"time {time}" if time else "", *frame_numbers])
 
 
 _MOMENT: Final = re.compile(r"(\d{8})?(\d\d)(\d\d)(\d\d(?:\.\d{1,6})?)")

@@ -174,7 +174,11 @@ def _one_stack(
     nearest = int(np.argmin(gaps))
     if gaps[nearest] <= SAME_PLACE_TOLERANCE_MM:
         pair = f"{slices[nearest].name} and {slices[nearest + 1].name}"
-        return Stack(slices, problem=f"different images lie at the same place ({pair})")
+        return Stack(
+            slices,
+            problem=f"different images lie at the same place ({pair}), which no acquisition, kernel, image type or "
+            "tube voltage tells apart; put the files of each scan into a folder of its own",
+        )
     if np.median(gaps) > LARGEST_GAP_MM:
         return Stack(
             slices,

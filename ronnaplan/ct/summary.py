@@ -20,7 +20,7 @@ class SeriesSummary:
     ``series`` is what `read_ct` takes as its ``series_uid``. ``spacing_mm`` is the smallest and largest gap
     between slices, ``pixel_mm`` the distance between rows and between columns. A series with ``problems``
     cannot be read; ``notes`` are reasons to doubt one that can, and ``apart`` names what the parts of a series differ
-    in, of which this is one.
+    in, of which this is one; ``part`` is what this one has of it ("kernel H30"), where that is a value.
     """
 
     series: str
@@ -35,6 +35,7 @@ class SeriesSummary:
     problems: tuple[str, ...]
     notes: tuple[str, ...]
     apart: tuple[str, ...]
+    part: tuple[str, ...]
     patient_name: str
 
     @property
@@ -74,6 +75,7 @@ def summary_of(series: Series) -> SeriesSummary:
         problems=series.problems,
         notes=tuple(str(flag) for flag in series.notes),
         apart=series.apart,
+        part=series.part,
         patient_name=first.patient_name,
     )
 
@@ -93,6 +95,7 @@ def _of_image(path: Path) -> SeriesSummary:
         problems=(),
         notes=tuple(str(flag) for flag in image.flags),
         apart=(),
+        part=(),
         patient_name="",
     )
 

@@ -85,6 +85,20 @@ def test_what_the_parts_of_a_series_differ_in_is_told_of_each_and_of_no_whole_on
     assert "mixes" not in capsys.readouterr().out
 
 
+def test_each_part_of_a_series_says_what_it_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As of two tubes: all else of the rows is alike, and one has to be chosen."""
+    write_series(tmp_path, change=lambda made, k: setattr(made, "KVP", "80"))
+
+    def high(made: Dataset, k: int) -> None:
+        made.KVP, made.RescaleIntercept = "140", -1000
+
+    write_series(tmp_path, 4, high, prefix="high")
+    assert main(["series", str(tmp_path)]) == 0
+    shown = capsys.readouterr().out
+    for kilovolts in (80, 140):
+        assert f"which mixes tube voltages; this one: tube voltage {kilovolts} kV\n" in shown
+
+
 @pytest.mark.parametrize("also", [[], ["--json"]])
 def test_the_patients_name_is_shown_only_when_asked_for(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], also: list[str]

@@ -217,12 +217,15 @@ def test_different_images_of_one_instance_uid_are_flagged(tmp_path: Path) -> Non
 
 def test_different_images_at_one_place_are_refused(tmp_path: Path) -> None:
     write_series(tmp_path, change=placed([[0, 0, 0], [0, 0, 2], [0, 0, 2], [0, 0, 4]]))
-    with pytest.raises(InputError, match=r"different images lie at the same place \(.*001 and .*002\)"):
+    with pytest.raises(InputError, match=r"images lie at the same place \(.*001 and .*002\), .*; put the files"):
         read_ct(tmp_path)
 
 
-@pytest.mark.parametrize("told_by", ["AcquisitionNumber", "TemporalPositionIdentifier"])
-def test_two_acquisitions_of_one_place_are_offered_apart(told_by: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("told_by", "told"),
+    [("AcquisitionNumber", "acquisition"), ("TemporalPositionIdentifier", "acquisition 1 time")],
+)
+def test_two_acquisitions_of_one_place_are_offered_apart(told_by: str, told: str, tmp_path: Path) -> None:
     """The second as of a heart or a bolus, which is scanned again and again."""
     write_series(tmp_path, change=lambda made, k: setattr(made, told_by, 1))
 
@@ -231,7 +234,7 @@ def test_two_acquisitions_of_one_place_are_offered_apart(told_by: str, tmp_path:
         setattr(made, told_by, 2)
 
     write_series(tmp_path, 4, second, prefix="second")
-    with pytest.raises(InputError, match=r"2 usable series.*1\.2\.3\.2#1.*1\.2\.3\.2#2"):
+    with pytest.raises(InputError, match=rf"#1 .*, {told} 1\).*1\.2\.3\.2#2 .*, {told} 2\)"):
         read_ct(tmp_path)
     volumes = [read_ct(tmp_path, f"1.2.3.2#{number}") for number in (1, 2)]
     assert {int(volume.voxels_hu[0, 0, 0]) for volume in volumes} == {-1024, -1000}
@@ -245,9 +248,9 @@ def test_two_kernels_of_one_place_are_offered_apart(tmp_path: Path) -> None:
         made.ConvolutionKernel, made.RescaleIntercept = "H60", -1023
 
     write_series(tmp_path, 4, sharp, prefix="sharp")
-    assert [(series.kernel, series.apart) for series in find_series(tmp_path).usable] == [
-        ("H30", ("kernels",)),
-        ("H60", ("kernels",)),
+    assert [(series.kernel, series.apart, series.part) for series in find_series(tmp_path).usable] == [
+        ("H30", ("kernels",), ("kernel H30",)),
+        ("H60", ("kernels",), ("kernel H60",)),
     ]
     assert read_ct(tmp_path, "1.2.3.2#2").source.kernel == "H60"
 

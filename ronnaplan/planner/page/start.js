@@ -138,7 +138,7 @@
     one("found").querySelector("tbody").replaceChildren(...series.map((row) => {
       const usable = !row.problems.length;
       const picture = row.drawn ? made("img", { src: `thumbnail/${row.key}`, alt: "" }) : made("span", { className: "none" }, "no picture");
-      const title = made("td", {}, `${row.modality} ${row.description || "(no description)"}`, made("small", {}, `${row.kernel} ${row.series}`));
+      const title = made("td", {}, `${row.modality} ${row.description || "(no description)"}`, made("small", {}, [row.kernel, ...row.part, row.series].join(" ")));
       const told = made("td", {}, made("span", { className: usable ? "yes" : "no" }, usable ? "can be planned in" : row.problems.join("; ")));
       if (usable) for (const note of row.notes) told.append(made("small", { className: "doubt" }, note));
       const press = made("button", { type: "button", disabled: !usable, onclick: () => open(row.key) }, row.known && !name ? "go on" : "plan");
