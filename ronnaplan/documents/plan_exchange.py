@@ -47,7 +47,11 @@ def to_lps(points_mm: FloatArray, system: str) -> FloatArray:
 
 
 def line_markups(plan: Plan) -> str:
-    """Express the trajectories as Slicer line markups (JSON text, LPS): entry first, then target, so labelled."""
+    """Express the trajectories as Slicer line markups (JSON text, LPS): entry first, then target, so labelled.
+
+    Raises `InputError` where there is none.
+    """
+    _require_some(plan)
     lines = [_line(trajectory) for trajectory in plan.trajectories]
     return plain_json({"@schema": SCHEMA, "markups": lines})
 
@@ -73,7 +77,8 @@ def read_line_markups(
 
 
 def plan_table(plan: Plan) -> str:
-    """Write the trajectories as CSV, one row each, LPS mm."""
+    """Write the trajectories as CSV, one row each, LPS mm; raises `InputError` where there is none."""
+    _require_some(plan)
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(CSV_HEADER)
@@ -96,6 +101,12 @@ def plan_table(plan: Plan) -> str:
             ]
         )
     return stream.getvalue()
+
+
+def _require_some(plan: Plan) -> None:
+    """Refuse what Slicer, and `plan import`, would refuse to read."""
+    if not plan.trajectories:
+        raise InputError("the plan has no trajectory; add one first")
 
 
 def contacts_table(plan: Plan) -> str:

@@ -133,8 +133,9 @@ def _registration(path: Path) -> None:
 def _plan(path: Path) -> None:
     plan = read_plan(path)
     _same(path, plan_document(plan), passed_over=("software", "time"))
-    plan_table(plan)
-    line_markups(plan)
+    if plan.trajectories:
+        plan_table(plan)
+        line_markups(plan)
 
 
 def _limits(path: Path) -> None:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ronnaplan.documents.plan_exchange import (
+    contacts_table,
     line_markups,
     plan_table,
     read_line_markups,
@@ -32,6 +35,13 @@ def test_line_markups_come_back(plan: Plan, tmp_path: Path) -> None:
     path = tmp_path / "lines.mrk.json"
     path.write_text(line_markups(plan))
     same(read_line_markups(path, CT, POINTER), plan)
+
+
+@pytest.mark.parametrize("write", [line_markups, plan_table, contacts_table])
+def test_no_file_is_written_of_a_plan_without_trajectories(write: Callable[[Plan], str], plan: Plan) -> None:
+    """Neither Slicer nor `plan import` reads one."""
+    with pytest.raises(InputError, match="no trajectory"):
+        write(replace(plan, trajectories=()))
 
 
 def line(system: str, labels: tuple[str, str], path: Path) -> Path:
