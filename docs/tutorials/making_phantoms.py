@@ -25,5 +25,7 @@ print("from", voxels_hu.min(), "to", voxels_hu.max(), "HU, where a usual scale e
 #     ronnaplan phantom --list
 #     ronnaplan phantom patient-insert --scanner fast -o my_phantom
 #     ronnaplan localize my_phantom --diameter 11.5 -o fiducials.json
+#     ronnaplan phantom-check my_phantom --truth my_phantom/truth.json --diameter 11.5
 #
-# `my_phantom/truth.json` holds where every marker really is. [Phantoms](../phantoms.md) has the scenes and the physics.
+# `my_phantom/truth.json` holds where every marker really is; `phantom-check` says how far off each was found, and whether
+# that is stated. [Phantoms](../phantoms.md) has the scenes and the physics.

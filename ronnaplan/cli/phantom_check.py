@@ -24,14 +24,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--truth",
         required=True,
         metavar="FILE",
-        help="the markers' places or distances: template or fiducials.json",
+        help="the markers' places or distances: template, fiducials.json, or the truth.json of a simulated scan",
     )
     parser.add_argument("--diameter", required=True, metavar="MM", help="diameter of the markers")
     parser.add_argument(
         "--sigma-truth",
         type=sigma_mm,
         metavar="MM",
-        help="error of the truth per axis (default: a template is exact, a fiducials.json as sure as it says)",
+        help="error of the truth per axis (default: a fiducials.json is as sure as it says, all others are exact)",
     )
     parser.add_argument(
         "--marker", default="solid", metavar="BUILD", help="solid (default), shell:WALL or wrapped:THICKNESS (mm)"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from ronnaplan.documents.fields import (
     Software,
 )
 from ronnaplan.documents.files import read_json
-from ronnaplan.documents.reading import made
+from ronnaplan.documents.reading import made, validated
 from ronnaplan.documents.template import FORMAT as TEMPLATE
 from ronnaplan.documents.template import TemplateDocument, read_template_document
 from ronnaplan.errors import InputError
@@ -30,6 +30,10 @@ from ronnaplan.localization import Fiducials
 from ronnaplan.localization.advice import Advice
 from ronnaplan.registration.phantom_check import KnownPhantom, PhantomCheck, names_of_scan
 from ronnaplan.registration.phantom_verdict import Estimate, normalized_error, share_within
+from ronnaplan.text import printable
+
+SIMULATED = "phantoms.truth"
+"""The format of what `ronnaplan phantom` writes beside a scan."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +125,7 @@ class PhantomCheckDocument(DocumentModel):
 
 
 def read_known_phantom(path: str | os.PathLike[str], sigma_mm: float | None) -> KnownPhantom:
-    """Read a template, or a fiducials.json, as the truth about a phantom.
+    """Read a template, a fiducials.json, or a simulated scan's truth.json, as the truth about a phantom.
 
     ``sigma_mm`` is the error of its places per axis; without it a template is exact and a fiducials.json as sure as
     it says. Raises `InputError` for anything else.
@@ -135,12 +139,35 @@ def read_truth(path: str | os.PathLike[str]) -> FiducialsDocument | TemplateDocu
     told = content.get("format") if isinstance(content, dict) else None
     if told == FIDUCIALS:
         return read_fiducials(path)
+    if told == SIMULATED:
+        return _simulated(content, os.fspath(path))
     if told != TEMPLATE:
         raise InputError(
-            f"{os.fspath(path)} is neither a template ('{TEMPLATE}') nor a fiducials.json; write a template with the "
-            "markers' labels, and their centers or distances"
+            f"{os.fspath(path)} is no template ('{TEMPLATE}'), fiducials.json or truth.json of a simulated scan; write "
+            "a template with the markers' labels, and their centers or distances"
         )
     return read_template_document(path)
+
+
+def _simulated(content: dict[str, Any], name: str) -> TemplateDocument:
+    """Return the markers of a simulated scan, at their places in it, as a template."""
+    markers = content.get("markers")
+    if not isinstance(markers, list) or not all(isinstance(one, dict) for one in markers):
+        raise InputError(f"{name} lists no markers; give the truth.json that 'ronnaplan phantom' wrote")
+    moved = [printable(one.get("label")) for one in markers if "path" in one]
+    if moved:
+        raise InputError(f"in {name} {moved[0]} moved during the scan; a phantom rests, so simulate one that does")
+    if content.get("coordinate_system") != "LPS":
+        raise InputError(f"{name} is in {printable(content.get('coordinate_system'))}; expected LPS")
+    template = {
+        "format": TEMPLATE,
+        "version": content.get("version"),
+        "unit": content.get("unit"),
+        "name": content.get("scene"),
+        "labels": [one.get("label") for one in markers],
+        "centers": [one.get("center") for one in markers],
+    }
+    return validated(template, TemplateDocument, name, "give the truth.json that 'ronnaplan phantom' wrote")
 
 
 def known_phantom(

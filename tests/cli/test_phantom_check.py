@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from ronnaplan.cli import main
+from ronnaplan.documents.phantom_check import read_known_phantom
+from ronnaplan.errors import InputError
 
 SCAN = Path(__file__).parents[2] / "data" / "synthetic_ct"
 
@@ -92,5 +94,28 @@ def test_a_truth_that_is_none_is_told_before_the_scan_is_read(
         assert main(["phantom-check", "nowhere", "--truth", truth, "--diameter", "11.5"]) == 1
         assert expected in capsys.readouterr().err
     assert main(["phantom-check", "nowhere", "--truth", template(tmp_path), "--diameter", "11,5"]) == 2
-    assert main(["phantom-check", "nowhere", "--truth", str(SCAN / "truth.json"), "--diameter", "11.5"]) == 1
-    assert "is neither a template ('ronnaplan.template') nor a fiducials.json" in capsys.readouterr().err
+    another = str(SCAN / "readings_truth.json")
+    assert main(["phantom-check", "nowhere", "--truth", another, "--diameter", "11.5"]) == 1
+    assert "is no template ('ronnaplan.template'), fiducials.json or truth.json" in capsys.readouterr().err
+
+
+def test_the_truth_of_a_simulated_scan_is_one(tmp_path: Path) -> None:
+    stated = json.loads((SCAN / "truth.json").read_text())
+    phantom = read_known_phantom(SCAN / "truth.json", None)
+    assert phantom.name == stated["scene"]
+    assert phantom.has_hand
+    assert dict(zip(phantom.labels, phantom.centers_mm.tolist(), strict=True)) == {
+        one["label"]: one["center"] for one in stated["markers"]
+    }
+    first, *others = stated["markers"]
+    for changes, expected in (
+        ({"markers": [first | {"path": [[0, 1, 2, 3]]}, *others]}, "M1 moved during the scan"),
+        ({"markers": [first | {"center": "here"}, *others]}, "centers"),
+        ({"markers": 6}, "lists no markers"),
+        ({"coordinate_system": "RAS"}, "is in RAS; expected LPS"),
+        ({"version": 2}, "version"),
+        ({"unit": "m"}, "unit"),
+    ):
+        (tmp_path / "truth.json").write_text(json.dumps(stated | changes))
+        with pytest.raises(InputError, match=expected):
+            read_known_phantom(tmp_path / "truth.json", None)
