@@ -226,7 +226,7 @@ def _parts(instances: list[Instance], kinds: Mapping[str, frozenset[str]]) -> li
             images.extend(images_of(instance))
         except DamagedError as error:
             damaged[str(error)].append(instance)
-    broken = tuple(f"{len(files)} of {len(instances)} files: {reason}" for reason, files in damaged.items())
+    broken = tuple(f"{_counted(files, len(instances))}: {reason}" for reason, files in damaged.items())
     stacks = stacks_of(images)
     if any(instance.pixels is not None for files in outside.values() for instance in files):
         stacks = [stack.flagged(VolumeFlag.IMAGES_LEFT_OUT) for stack in stacks]
@@ -242,6 +242,14 @@ def _parts(instances: list[Instance], kinds: Mapping[str, frozenset[str]]) -> li
         Series(uid if len(found) == 1 else f"{uid}#{number}", first, count, stack, problems)
         for number, (first, count, stack, problems) in enumerate(found, start=1)
     ]
+
+
+def _counted(files: list[Instance], total: int) -> str:
+    """Say how many of a series' files are meant, and, unless it is all, name the first: it may be copied again."""
+    counted = f"{len(files)} of {total} files"
+    if len(files) == total:
+        return counted
+    return f"{counted} ({'' if len(files) == 1 else 'the first is '}{files[0].blob.name})"
 
 
 def _lacks_a_file(instances: list[Instance]) -> bool:

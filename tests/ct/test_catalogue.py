@@ -111,7 +111,12 @@ def test_a_slice_cut_off_within_its_pixels_makes_the_series_unusable(tmp_path: P
     write_series(tmp_path)
     content = (tmp_path / "002").read_bytes()
     (tmp_path / "002").write_bytes(content[:-10])
-    with pytest.raises(InputError, match="1 of 4 files: it declares 160 bytes of pixels but holds 150"):
+    with pytest.raises(
+        InputError, match=r"1 of 4 files \(\S+002\): it declares 160 bytes of pixels but holds 150"
+    ):
+        read_ct(tmp_path)
+    (tmp_path / "003").write_bytes((tmp_path / "003").read_bytes()[:-10])
+    with pytest.raises(InputError, match=r"2 of 4 files \(the first is \S+002\): it declares"):
         read_ct(tmp_path)
 
 
