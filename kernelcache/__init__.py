@@ -92,6 +92,13 @@ def _copies(function: Any) -> Copies | None:
         return None
 
 
+@cache
+def _say_what_is_waited_for() -> None:
+    """Tell who sits at a terminal, once a process, why it takes so long this time; files and pipes get nothing."""
+    if sys.stderr is not None and sys.stderr.isatty():
+        print("compiling the inner loops, once for this version and machine (15 to 40 s) ...", file=sys.stderr)
+
+
 def _take_constants_as_numbers(kernel: Any) -> None:
     """Have a ``kernel`` that another calls with a constant be the one that takes any number.
 
@@ -209,8 +216,12 @@ class Copies(caching.FunctionCache):
     def load_overload(self, signature: Any, context: Any) -> Any:
         """Return the kernel for ``signature`` as it was compiled once, or None."""
         rtsys.initialize(context)  # its memory management, which every kernel is linked to
+        kernel = None
         with self._guard_against_spurious_io_errors():
-            return self._load_overload(signature, context)  # type: ignore[no-untyped-call]
+            kernel = self._load_overload(signature, context)  # type: ignore[no-untyped-call]
+        if kernel is None:
+            _say_what_is_waited_for()
+        return kernel
 
     def save_overload(self, signature: Any, data: Any) -> None:
         """Keep a copy of the kernel as it was compiled; where the disk takes none it is compiled again next time."""

@@ -139,6 +139,17 @@ def test_a_kernel_runs_where_the_disk_takes_no_copy_of_it(
     assert anew(RUN) == anew(RUN) == "16.0 0"
 
 
+@pytest.mark.usefixtures("pack", "anew")
+@pytest.mark.parametrize(("is_terminal", "lines"), [(True, 1), (False, 0)])
+def test_who_sits_at_a_terminal_is_told_once_what_is_waited_for(
+    is_terminal: bool, lines: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: is_terminal)
+    kernelcache._say_what_is_waited_for.cache_clear()
+    exec(RUN, {})
+    assert capsys.readouterr().err.count("compiling the inner loops") == lines
+
+
 def test_kernels_run_where_no_folder_takes_copies_and_that_is_told_once(
     pack: Path, anew: Anew, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -31,7 +31,6 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(
             "what is compiled cannot be kept; name a folder that may be written to by NUMBA_CACHE_DIR"
         )
-    tell("compiling, once for this version and machine ...")
     found = localize(made_scan(), diameter_mm=DIAMETER_MM, expected=len(MARKERS_MM))
     describe_layout(found.centers).refusal_probability()
     both = found.centers, found.centers[::-1].copy()
