@@ -91,10 +91,11 @@ def read_rows(path: Path) -> tuple[list[str], list[list[str]], str]:
                 f"{path} separates its columns by '{printable(told['delimiter'])}', as its first line says; "
                 "expected a comma, ';' or a tab"
             )
-    if not text.strip():
-        raise InputError(f"{path} is empty; expected a header and tracker readings")
     delimiter = told["delimiter"] if told else max(DELIMITERS, key=text.lstrip().partition("\n")[0].count)
     rows = split_rows(path, text, delimiter)
+    if not rows:
+        raise InputError(f"{path} is empty; expected a header and tracker readings")
+    _require_delimiter(path, rows[-1], delimiter)
     header = [column_name(cell) for cell in rows[0]]
     if any(number(cell, delimiter) is not None for cell in rows[0]):
         raise InputError(
@@ -107,6 +108,16 @@ def read_rows(path: Path) -> tuple[list[str], list[list[str]], str]:
     _require_mm(path, header, below)
     _require_one_sign(path, header, below, delimiter)
     return header, below, delimiter
+
+
+def _require_delimiter(path: Path, row: list[str], delimiter: str) -> None:
+    """Refuse a ``row`` of numbers with blanks between, as other programs save points: its one cell names no columns."""
+    words = row[0].split()
+    if len(row) == 1 and len(words) > 1 and all(number(word, delimiter) is not None for word in words):
+        raise InputError(
+            f"{path} separates its columns by blanks; expected a comma, ';' or a tab, and a first line that names "
+            "them, such as x,y,z"
+        )
 
 
 def _below_units(path: Path, header: list[str], rows: list[list[str]]) -> list[list[str]]:
