@@ -59,7 +59,7 @@ class MarkerFlag(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class TrackedMarker:
-    """One marker: its mean, the covariance of that mean, and how it was seen."""
+    """One marker: its mean, the covariance of that mean, how it was seen, and how far it moved (0: not surely)."""
 
     label: str
     position_mm: FloatArray
@@ -67,6 +67,7 @@ class TrackedMarker:
     readings: int
     outliers: int
     flags: tuple[MarkerFlag, ...]
+    moved_mm: float = 0.0
 
     def __repr__(self) -> str:
         flags = "".join(f", {flag}" for flag in self.flags)
@@ -154,8 +155,7 @@ def find_markers(recording: Recording, *, sigma_mm: float = SIGMA_OTS_MM) -> Mar
             middle = np.median([r.position_mm for r in track], axis=0)
             rejected.append(RejectedTrack(middle, len(track), reason))
             continue
-        label = track[0].label or _unused_number(markers)
-        markers.append(_summarize(track, agreeing, label, frames, sigma_mm))
+        markers.append(_summarize(track, agreeing, track[0].label or _unused_number(markers), frames, sigma_mm))
     return MarkerReadings(tuple(markers), tuple(rejected), len(frames), recording.frame)
 
 
@@ -246,27 +246,29 @@ def _summarize(
     covariance = float(np.mean(np.square(sigmas))) * np.eye(3)
     if len(kept) > 1:
         covariance = covariance + np.cov(kept.T) / len(kept)
-    flags = _flags(track, _has_moved(kept) or _has_left(positions, agreeing), frames)
-    return TrackedMarker(label, kept.mean(axis=0), covariance, len(kept), len(track) - len(kept), flags)
+    moved_mm = max(_moved_mm(kept), _left_mm(positions, agreeing))
+    flags = _flags(track, moved_mm > 0, frames)
+    return TrackedMarker(label, kept.mean(axis=0), covariance, len(kept), len(track) - len(kept), flags, moved_mm)
 
 
-def _has_moved(kept: FloatArray) -> bool:
-    """Tell whether the readings that count (n, 3), in order, end where they did not begin, or are of several places."""
-    if len(kept) > 1 and float(np.ptp(kept, axis=0).max()) > 2 * GATE_MM:
-        return True
+def _moved_mm(kept: FloatArray) -> float:
+    """Return how far the readings that count (n, 3), in order, end from where they began, or lie apart; 0 if unsure."""
+    apart = float(np.ptp(kept, axis=0).max())
+    moved = apart if apart > 2 * GATE_MM else 0.0
     quarter = len(kept) // 4
     if quarter < 2:
-        return False
+        return moved
     first, last = kept[:quarter], kept[-quarter:]
     error = float(np.sqrt((first.var(axis=0, ddof=1).sum() + last.var(axis=0, ddof=1).sum()) / quarter))
-    return float(np.linalg.norm(last.mean(axis=0) - first.mean(axis=0))) > max(MOVED_MM, 5 * error)
+    way = float(np.linalg.norm(last.mean(axis=0) - first.mean(axis=0)))
+    return max(moved, way) if way > max(MOVED_MM, 5 * error) else moved
 
 
-def _has_left(positions: FloatArray, agreeing: NDArray[np.bool_]) -> bool:
-    """Tell whether none of the last of all readings (n, 3) is where those are that count: it was there before."""
+def _left_mm(positions: FloatArray, agreeing: NDArray[np.bool_]) -> float:
+    """Return how far the last of all readings (n, 3) lie from those that count, if none is there: it was before."""
     last = max(FEWEST_LAST, int(LOST_SHARE * len(positions)))
-    away = np.median(positions[-last:], axis=0) - positions[agreeing].mean(axis=0)
-    return not bool(agreeing[-last:].any()) and float(np.linalg.norm(away)) > MOVED_MM
+    away = float(np.linalg.norm(np.median(positions[-last:], axis=0) - positions[agreeing].mean(axis=0)))
+    return 0.0 if agreeing[-last:].any() or away <= MOVED_MM else away
 
 
 def _flags(track: list[PointReading], moved: bool, frames: list[int]) -> tuple[MarkerFlag, ...]:

@@ -10,7 +10,14 @@ from ronnaplan.tracking.stray import GATE_MM, MOST_REASONS, MarkerFlag, MarkerRe
 
 def readings_told(recording: Recording, found: MarkerReadings) -> tuple[str, ...]:
     """Return, a sentence each, what the reader met, what was left out, and what is doubtful about the markers."""
-    return (*recording.notes, *_left_out(recording), *_doubts(found), *_twice(found), *_no_markers(found))
+    return (
+        *recording.notes,
+        *_left_out(recording),
+        *_doubts(found),
+        *_moved(found),
+        *_twice(found),
+        *_no_markers(found),
+    )
 
 
 def _left_out(recording: Recording) -> list[str]:
@@ -29,6 +36,17 @@ def _doubts(found: MarkerReadings) -> list[str]:
         for marker in found.markers
         for flag in marker.flags
         if not (all_once and flag is once)
+    ]
+
+
+def _moved(found: MarkerReadings) -> list[str]:
+    """Say how far markers moved, which no covariance of theirs holds: they move together, and the head with them."""
+    moved_mm = [marker.moved_mm for marker in found.markers if MarkerFlag.MOVED in marker.flags]
+    if not moved_mm:
+        return []
+    return [
+        f"{len(moved_mm)} of {len(found.markers)} readings moved while they were recorded, the farthest by at least "
+        f"{max(moved_mm):.1f} mm: the expected error does not count that; have them rest, and record them again"
     ]
 
 

@@ -80,6 +80,27 @@ def test_a_marker_that_moves_or_vanishes_is_flagged() -> None:
     assert flags[0] == flags[3] == flags[4] == ()
 
 
+@pytest.mark.parametrize("drift_mm", [0.0, 5.0])
+def test_how_far_the_head_moved_while_it_was_recorded_is_told_and_that_no_error_counts_it(drift_mm: float) -> None:
+    rng = np.random.default_rng(2)
+    readings = [
+        PointReading(k, place + np.array([drift_mm * k / 99, 0, 0]) + rng.normal(size=3) * JITTER, label)
+        for k in range(100)
+        for label, place in zip("ABCDE", TRUTH, strict=True)
+    ]
+    recorded = Recording("test", tuple(readings))
+    found = find_markers(recorded)
+    told = [note for note in readings_told(recorded, found) if "the expected error does not count that" in note]
+    if not drift_mm:
+        assert not told
+        assert all(marker.moved_mm == 0 for marker in found.markers)
+        return
+    for marker in found.markers:  # from the mean of the first quarter to that of the last
+        assert marker.moved_mm == pytest.approx(0.75 * drift_mm, abs=0.1)
+    assert len(told) == 1
+    assert told[0].startswith("5 of 5 readings moved while they were recorded, the farthest by at least 3.")
+
+
 @pytest.mark.parametrize(("label", "mm", "left"), [("A", 30.0, 0.6), ("", 3.0, 0.6), ("A", 3.0, 0.85)])
 @pytest.mark.parametrize("frames", [20, 60])
 def test_a_marker_that_left_for_another_place_is_flagged(label: str, mm: float, left: float, frames: int) -> None:
@@ -93,6 +114,7 @@ def test_a_marker_that_left_for_another_place_is_flagged(label: str, mm: float, 
     (marker,) = find_markers(Recording("test", tuple(readings))).markers
     assert np.linalg.norm(marker.position_mm - TRUTH[0]) < 0.1
     assert marker.flags == (MarkerFlag.MOVED,)
+    assert marker.moved_mm == pytest.approx(mm, abs=0.2)
     assert find_markers(Recording("test", tuple(readings[::-1]))).markers[0].flags == marker.flags
     readings[-2:] = [PointReading(frames - 2, TRUTH[0], label), PointReading(frames - 1, TRUTH[0] + away, label)]
     came_back = find_markers(Recording("test", tuple(readings))).markers[0]
