@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -92,16 +93,41 @@ def odds_of_body_beside(problem: Problem, poses: list[Pose], of_pairs: FloatArra
     return real * math.exp(LOG_ODDS_PER_PAIR * (int(paired.sum()) - size))
 
 
+def is_other_body(best: Pose, rival: Pose) -> bool:
+    """Tell whether both sets hold the bodies of both poses: they share few points, and the best fits as well.
+
+    What each explains is explained then, whichever is the patient: evidence does not tell.
+    """
+    shared = np.isin(rival.pairs[:, 0], best.pairs[:, 0]) | np.isin(rival.pairs[:, 1], best.pairs[:, 1])
+    return 2 * int(shared.sum()) <= len(shared) and fits_as_well(
+        rival.chi2, len(rival.pairs), best.chi2, len(best.pairs)
+    )
+
+
+def larger_first(found: Found) -> Found:
+    """Return what was found with the largest of its bodies first: of two the larger is the patient, by its points."""
+    if not found.poses:
+        return found
+    claimed = [found.chance.claims(pose.matrix, pose.partner).point_probabilities().sum() for pose in found.poses]
+    first = 0
+    for other, pose in enumerate(found.poses):
+        if claimed[other] > claimed[first] and is_other_body(pose, found.poses[first]):
+            first = other
+    return replace(found, poses=[found.poses[first], *found.poses[:first], *found.poses[first + 1 :]])
+
+
 def odds_of_rivals(found: Found) -> float:
     """Return the odds of the poses that were found to the best of them, whose points they explain otherwise.
 
     By their evidence.  But one that pairs them otherwise and fits as well has those of its size: they are regular (a
-    lattice, a circle), and of so many points the noise alone makes evidences differ by many nats.
+    lattice, a circle), and of so many points the noise alone makes evidences differ by many nats.  Another body has
+    those of its size alone, see `odds_of_bodies`, too.
     """
     best, *others = found.poses
     total, of_best = 0.0, found.chance.claims(best.matrix, best.partner)
     for rival in others:
-        odds, size = math.exp(min(rival.log_evidence - best.log_evidence, 0.0)), len(rival.pairs)
+        by_evidence = math.exp(min(rival.log_evidence - best.log_evidence, 0.0))
+        odds, size = 0.0 if is_other_body(best, rival) else by_evidence, len(rival.pairs)
         if size >= LEAST_REGULAR and fits_as_well(best.chi2, len(best.pairs), rival.chi2, size):
             of_rival = found.chance.claims(rival.matrix, rival.partner)
             odds = max(odds, odds_by_size(of_best.point_probabilities(), of_rival.point_probabilities()))

@@ -7,7 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ronnaplan.correspondence.bodies import odds_of_bodies, odds_of_body_beside, odds_of_rivals, poses_beside
+from ronnaplan.correspondence.bodies import (
+    larger_first,
+    odds_of_bodies,
+    odds_of_body_beside,
+    odds_of_rivals,
+    poses_beside,
+)
 from ronnaplan.correspondence.chance import Chance
 from ronnaplan.correspondence.evidence import LEAST_OFF_LINE, SCALES, off_one_line
 from ronnaplan.correspondence.lookup import point_grid
@@ -72,10 +78,12 @@ def match_large(problem: Problem, least_probability: float) -> Pairing:
     if scale > DOUBTED_SCALE:
         larger = find_poses(problem.with_errors(scale), acceptable, work_done=found.work, before=found.poses)
         views = [larger] if scale > LEAST_SCALE else [weighed_with(found, larger.poses), larger]
+    views = [larger_first(view) for view in views]
     answer, of_pairs = weighed(views, least_probability)
     if answer.status == "unique":
         beside = poses_beside(views[-1], views[0].poses[0], of_pairs, acceptable)
-        answer, of_pairs = weighed([weighed_with(view, beside) for view in views], least_probability)
+        views = [larger_first(weighed_with(view, beside)) for view in views]
+        answer, of_pairs = weighed(views, least_probability)
     # What is given has its mirror image looked for as thoroughly; a refusal only gets its reason from it.
     work_done = 0.0 if answer.status == "unique" else work_allowed(problem) - kept_back
     best = next(iter(views[0].poses), None)
@@ -147,9 +155,10 @@ def odds_of_turn(problem: Problem, given: IntArray) -> float:
 
 
 def rivals_of(poses: list[Pose]) -> tuple[Rival, ...]:
-    """Return the best of ``poses`` as rivals, the very best among them."""
+    """Return the best of ``poses`` as rivals, the very best among them; a smaller body may have more evidence."""
     return tuple(
-        Rival(pose.pairs, float(poses[0].log_evidence - pose.log_evidence)) for pose in poses[: MOST_RIVALS + 1]
+        Rival(pose.pairs, max(float(poses[0].log_evidence - pose.log_evidence), 0.0))
+        for pose in poses[: MOST_RIVALS + 1]
     )
 
 

@@ -208,10 +208,10 @@ def find_poses(
 
 def weighed_with(found: Found, poses: Sequence[Pose]) -> Found:
     """Return what was found with more ``poses``, which were found with other errors or among some points only."""
-    if not poses:
-        return found
-    anew = refined_poses(Search.of(found.chance.problem, every=False), [*found.poses, *poses])
-    return replace(found, poses=sorted(anew, key=lambda pose: -pose.log_evidence))
+    kept = list(found.poses)  # as they are: refined once more, a pose of dense points may lose some of its pairs
+    for pose in refined_poses(Search.of(found.chance.problem, every=False), poses):
+        add_pose(kept, pose)
+    return replace(found, poses=sorted(kept, key=lambda pose: -pose.log_evidence))
 
 
 def refined_poses(search: Search, poses: Sequence[Pose]) -> list[Pose]:

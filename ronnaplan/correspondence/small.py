@@ -104,10 +104,12 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
     if len(weighed.log_evidence) == 0:
         reason = "no three pairs agree in their distances; check that both sets are of this patient, and in mm"
         return Pairing("unmatched", no_pairs(), 0.0, reason=LEFT_HANDED if mirrored else reason)
-    other = odds_of_another_body(problem, weighed)
+    other = odds_of_another_body(problem, weighed.partners[0])
     regular = regular_odds(weighed.log_evidence, weighed.chi2, weighed.partners, 0, weighed.background)
     posterior = weighed.posterior(other + regular)
     core, probability = certain_core(weighed.partners, posterior, problem, least_probability)
+    beside = odds_beside_core(problem, weighed, core)
+    other, probability = max(other, beside), probability / (1.0 + beside)
     rivals, pairs = weighed.rivals(), pairs_of(core)
     if mirrored:
         return Pairing("unmatched", no_pairs(), probability, rivals, LEFT_HANDED)
@@ -196,28 +198,35 @@ def vouched(partners: IntArray, posterior: FloatArray, core: IntArray) -> float:
     return float(posterior[(partners[:, i] == core[i]).all(axis=1)].sum())
 
 
-def odds_of_another_body(problem: Problem, weighed: Weighed) -> float:
-    """Return the odds that the patient is not the best pairing but a body among the points that it leaves.
+def odds_of_another_body(problem: Problem, partner: IntArray) -> float:
+    """Return the odds that the patient is not the pairing ``partner`` (n,) but a body among the points that it leaves.
 
     A smaller one that has too few pairs to be given is none: three pairs among outliers are too easily had. Nor is
     there one where a pair is known: the patient holds it.
     """
     if len(problem.known):
         return 0.0
-    best = weighed.partners[0]
     count, real = other_body(
         problem.ct,
         problem.ots,
         *problem.pair_weights(),
         *residual_priors(problem.counts),
         problem.volume_mm3,
-        best.astype(np.int16),
+        partner.astype(np.int16),
     )
-    size = int((best >= 0).sum())
+    size = int((partner >= 0).sum())
     if count == 0 or (count < size and not problem.told.allows(count)):
         return 0.0
     prior = problem.told.prior(range(LEAST_PAIRS, min(problem.counts) + 1))
     return float(real * math.exp(LOG_ODDS_PER_PAIR * (count - size)) * prior[count] / prior[size])
+
+
+def odds_beside_core(problem: Problem, weighed: Weighed, core: IntArray) -> float:
+    """Return the odds of a body among the points that ``core`` (n,) leaves; 0 where it is the whole best pairing.
+
+    What is left out of that for want of certainty is the patient's if errors are so large, and otherwise another body.
+    """
+    return 0.0 if (core == weighed.partners[0]).all() else odds_of_another_body(problem, core)
 
 
 def is_mirrored(problem: Problem, weighed: Weighed) -> bool:

@@ -9,9 +9,9 @@ import pytest
 from ronnaplan.correspondence import match_points
 from ronnaplan.correspondence.bodies import odds_by_size, odds_of_body_beside
 from ronnaplan.correspondence.chance import Claims
-from ronnaplan.correspondence.poses import Search, find_poses, refined_poses
+from ronnaplan.correspondence.poses import Search, find_poses, refined_poses, weighed_with
 from ronnaplan.correspondence.rivals import LOG_ODDS_PER_PAIR
-from tests.correspondence.scenes import apart, ball, bodies
+from tests.correspondence.scenes import SIGMA_CT, SIGMA_OTS, apart, ball, bodies
 from tests.correspondence.test_poses import problem_of
 
 
@@ -63,6 +63,43 @@ def test_a_pose_that_was_found_is_kept_however_many_pairs_are_asked_of_a_seeds()
     found = find_poses(problem, 1e-3)
     kept = refined_poses(replace(Search.of(problem, every=False), needed=(9, 9)), found.poses)
     assert [len(pose.pairs) for pose in kept] == [6, 6]
+
+
+def test_what_was_found_stays_as_it_is_when_more_poses_are_weighed() -> None:
+    """Refined once more, poses of dense rows lost pairs, and the smaller of two bodies was taken for the best."""
+    ct, ots, _ = bodies(3, [20, 16], [60.0, 60.0], 8, 60.0)
+    found = find_poses(problem_of(ct, ots), 1e-3)
+    again = weighed_with(found, found.poses[1:])
+    assert len(found.poses) > 1
+    assert all(kept is pose for kept, pose in zip(again.poses, found.poses, strict=True))
+
+
+@pytest.mark.parametrize("seed", [7, 13, 18])
+def test_of_two_bodies_the_larger_is_the_patient_whichever_has_more_evidence(seed: int) -> None:
+    """Thirty markers that err less have more of it than thirty-four; both bodies are there, so it tells neither."""
+    rng = np.random.default_rng(seed)
+    errors = np.repeat([1.25, 0.8], [34, 30])[:, None]
+    larger, smaller = ball(rng, 34, 60.0), ball(rng, 30, 60.0) + np.array([100.0, 0, 0])
+    ct, ots, partner = apart(rng, [larger, smaller], 6, 150.0, errors)
+    answer = match_points(ct, ots)
+    assert answer.status == "unique"
+    assert (answer.pairs[:, 0] < 34).all()
+    assert (partner[answer.pairs[:, 0]] == answer.pairs[:, 1]).all()
+    assert min(rival.log_evidence_below for rival in answer.rivals) == 0.0
+
+
+@pytest.mark.parametrize(("count", "seed"), [(4, 9), (4, 39), (4, 45), (6, 23), (6, 31)])
+def test_of_two_small_bodies_one_of_which_was_shifted_neither_is_given_alone(count: int, seed: int) -> None:
+    """With errors four times as stated they are nearly one, and the half that was left out was asked for nothing."""
+    rng = np.random.default_rng(seed)
+    places = ball(rng, 2 * count, 90.0)
+    shift = rng.normal(size=3)
+    shifted = places + np.repeat([0.0, 15.0], count)[:, None] * shift / np.linalg.norm(shift)
+    ct = places + SIGMA_CT * rng.normal(size=places.shape)
+    ots = shifted + SIGMA_OTS * rng.normal(size=places.shape)
+    answer = match_points(ct, ots)
+    assert answer.status == "ambiguous"
+    assert answer.probability < 0.99
 
 
 def test_doubtful_points_make_no_body_the_smaller_for_sure() -> None:
