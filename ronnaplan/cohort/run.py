@@ -24,6 +24,7 @@ from ronnaplan.cohort.rules import Rules, Task
 from ronnaplan.cohort.work import GONE
 from ronnaplan.errors import InputError
 from ronnaplan.jobs.serving import BROKEN
+from ronnaplan.scheduler import client_of
 from ronnaplan.threads import cores
 
 if TYPE_CHECKING:
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
 
 LOG = logging.getLogger(__name__)
 
-CONNECT: Final = "10s"
 QUIET: Final = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
@@ -122,11 +122,7 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
             finally:
                 children.dismiss(busy=True)
         return
-    try:
-        client = distributed.Client(scheduler, timeout=CONNECT)
-    except (OSError, ValueError, TimeoutError) as error:
-        raise InputError(f"no Dask scheduler answers at {scheduler}; check the address") from error
-    with client:
+    with client_of(scheduler) as client:
         yield client
         with suppress(Exception):  # a worker that does not answer has no children to end
             client.run(children.dismiss)

@@ -6,17 +6,15 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from ronnaplan.documents.files import make_folder, write_atomically
 from ronnaplan.errors import InputError
+from ronnaplan.scheduler import client_of
 from ronnaplan.threads import cores
 
 Record = dict[str, Any]
-
-SCHEDULER_TIMEOUT = "10s"
 
 
 def run_blocks(
@@ -32,12 +30,10 @@ def run_blocks(
     """Return ``work(*block)`` for each block, in the order of ``blocks``.
 
     Finished blocks are kept in ``journal`` (one JSON line each), so that a stopped run goes on where it was.  Each
-    block must seed itself, so the result does not depend on the number of workers.  ``scheduler``: address of a
-    Dask
+    block must seed itself, so the result does not depend on the number of workers.  ``scheduler``: address of a Dask
     scheduler; otherwise ``workers`` threads (default: all cores; the kernels release Python's lock).
 
-    Raises `InputError` when the journal belongs to a run with other ``settings`` or the scheduler cannot be
-    reached.
+    Raises `InputError` when the journal belongs to a run with other ``settings`` or the scheduler cannot be reached.
     """
     from tqdm import tqdm
 
@@ -62,15 +58,7 @@ def executor(workers: int | None, scheduler: str | None) -> Iterator[Executor]:
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
         return
-    try:
-        distributed = import_module("distributed")
-    except ImportError as error:
-        raise InputError("Dask is not installed; install ronnaplan[cluster] or leave --scheduler out") from error
-    try:
-        client = distributed.Client(scheduler, timeout=SCHEDULER_TIMEOUT)
-    except (OSError, ValueError, TimeoutError) as error:
-        raise InputError(f"no Dask scheduler answers at {scheduler}; check the address") from error
-    with client:
+    with client_of(scheduler) as client:
         yield client.get_executor()
 
 

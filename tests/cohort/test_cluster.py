@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from ronnaplan import scheduler
 from ronnaplan.cli import main
 from ronnaplan.cohort import run
 from ronnaplan.cohort.cohort import Counts, run_cohort
@@ -39,7 +40,7 @@ def test_a_cluster_gives_the_same_table_and_a_lost_or_absent_scheduler_is_told(
     assert set(begun(log).values()) == {1}
     run_cohort(given, tmp_path / "here", rules, workers=1, module=FAKE)
     assert table(tmp_path, "markers") == table(tmp_path, "markers", "here")
-    monkeypatch.setattr(run, "CONNECT", "1s")
+    monkeypatch.setattr(scheduler, "ANSWERS_WITHIN", "1s")
     tiny(tmp_path / "in", "25")
     with pytest.raises(InputError, match="no Dask scheduler answers"):
         run_cohort(given, tmp_path / "out", rules, scheduler="tcp://127.0.0.1:1", module=FAKE)

@@ -4,8 +4,9 @@ from typing import Any
 
 import pytest
 
+from ronnaplan import scheduler
 from ronnaplan.errors import InputError
-from ronnaplan.studies import blocks, plots
+from ronnaplan.studies import plots
 from ronnaplan.studies.blocks import run_blocks, write_whole
 
 SETTINGS = {"study": "squares", "seed": 1}
@@ -68,7 +69,7 @@ def test_a_journal_of_another_study_is_refused(tmp_path: Path) -> None:
 
 
 def test_an_absent_scheduler_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(blocks, "SCHEDULER_TIMEOUT", "1s")
+    monkeypatch.setattr(scheduler, "ANSWERS_WITHIN", "1s")
     pytest.importorskip("distributed")
     with pytest.raises(InputError, match="no Dask scheduler answers"):
         run_blocks(square, BLOCKS, tmp_path / "j.jsonl", SETTINGS, scheduler="tcp://127.0.0.1:1")
