@@ -17,7 +17,14 @@ from ronnaplan.planning.angles import acpc_from_lps
 from ronnaplan.planning.electrodes import NO_ELECTRODE
 from ronnaplan.planning.limits import Verdict, is_near
 from ronnaplan.planning.proposals import Proposal
-from ronnaplan.planning.rows import error_table, number, place, placement_sentence, shape_rows, verdict_sentence
+from ronnaplan.planning.rows import (
+    coordinates,
+    error_table,
+    number,
+    placement_sentence,
+    shape_rows,
+    verdict_sentence,
+)
 
 MOST_RIVALS = 4
 """Pairings shown beside each other."""
@@ -37,14 +44,14 @@ def marker_rows(state: PlannerState) -> list[dict[str, str]]:
     rows = []
     for one in state.case.fiducials.fiducials if state.case.fiducials else ():
         error, flags = f"{1e3 * one.error_rms_mm:.0f}", "; ".join(one.doubts)
-        rows.append({"label": one.label, "center": place(one.center), "error": error, "flags": flags})
+        rows.append({"label": one.label, "center": coordinates(one.center), "error": error, "flags": flags})
     return rows
 
 
 def rejected_rows(state: PlannerState) -> list[dict[str, Any]]:
     """Return one row a rejected candidate; those that a person turned down can be accepted."""
     return [
-        {"center": place(one.center), "reason": one.reason, "acceptable": one.marker is not None}
+        {"center": coordinates(one.center), "reason": one.reason, "acceptable": one.marker is not None}
         for one in (state.case.fiducials.rejected if state.case.fiducials else ())
     ]
 
@@ -223,7 +230,7 @@ def landmark_rows(state: PlannerState) -> list[dict[str, Any]]:
     return [
         {
             "name": name,
-            "place": ", ".join(f"{value:.2f}" for value in known[name]) if name in known else "",
+            "place": coordinates(known[name]) if name in known else "",
         }
         for name in LANDMARKS
     ]

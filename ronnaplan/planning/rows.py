@@ -47,8 +47,12 @@ def chance(value: float | None) -> str:
     return f"< {LEAST_CHANCE}" if value < LEAST_CHANCE else f"> {1.0 - LEAST_CHANCE}"
 
 
-def place(place_mm: Iterable[float]) -> str:
-    """Write coordinates in mm."""
+def coordinates(place_mm: Iterable[float]) -> str:
+    """Write a place's coordinates in mm, to hundredths; a sentence writes them by `text.place`.
+
+    >>> coordinates([1.0, -2.25, 0.04])
+    '1.00, -2.25, 0.04'
+    """
     return ", ".join(f"{value:.2f}" for value in place_mm)
 
 
@@ -65,7 +69,7 @@ def shape_rows(one: Measures) -> Rows:
     if one.acpc is not None:
         rows += [
             ("AC-PC sagittal, coronal angle", f"{one.acpc.sagittal_deg:.1f}, {one.acpc.coronal_deg:.1f} deg"),
-            ("target from mid-commissure, R A S", f"{place(one.acpc.target_mm)} mm"),
+            ("target from mid-commissure, R A S", f"{coordinates(one.acpc.target_mm)} mm"),
         ]
     return rows
 
@@ -151,7 +155,7 @@ def verdict_sentence(one: Verdict) -> str:
 def frame_sentence(landmarks: Landmarks) -> str:
     """Return where the AC-PC frame was set: who checks angles and targets in it needs its points."""
     named = (("AC", landmarks.ac_mm), ("PC", landmarks.pc_mm), ("midline", landmarks.midline_mm))
-    points = "; ".join(f"{name} {place(place_mm)}" for name, place_mm in named)
+    points = "; ".join(f"{name} {coordinates(place_mm)}" for name, place_mm in named)
     apart = number(float(np.linalg.norm(landmarks.ac_mm - landmarks.pc_mm)), 1)
     return f"AC-PC frame, LPS mm: {points}. AC and PC are {apart} mm apart."
 

@@ -11,10 +11,10 @@ from ronnaplan.planning import Measures, Trajectory, Verdict
 from ronnaplan.planning.contacts import ContactMeasures
 from ronnaplan.planning.rows import (
     Rows,
+    coordinates,
     distance_rows,
     error_values,
     errors_by_basis,
-    place,
     shape_rows,
     value_and_limit,
     verdict_sentence,
@@ -97,7 +97,7 @@ def _contact(one: ContactMeasures) -> list[str]:
     nearest = min(one.clearances, key=lambda near: near.at_least_mm, default=None)
     told = "-" if nearest is None else f"{nearest.clearance_mm:.2f} to {isolated(nearest.name)}"
     inside = {True: "yes", False: "no", None: "-"}[one.inside]
-    return [str(one.number), place(one.center_mm), f"{one.depth_mm:.2f}", inside, told]
+    return [str(one.number), coordinates(one.center_mm), f"{one.depth_mm:.2f}", inside, told]
 
 
 def _errors(one: Measures) -> str:
@@ -115,8 +115,8 @@ def _errors(one: Measures) -> str:
 def _ends(trajectory: Trajectory) -> list[str]:
     return [
         isolated(trajectory.name),
-        place(trajectory.entry_mm),
-        place(trajectory.target_mm),
+        coordinates(trajectory.entry_mm),
+        coordinates(trajectory.target_mm),
         f"{trajectory.length_mm:.2f}",
     ]
 
@@ -124,8 +124,8 @@ def _ends(trajectory: Trajectory) -> list[str]:
 def _path(path: Trajectory) -> Rows:
     instrument = f"{path.instrument.name}, {path.instrument.diameter_mm:g} x {path.instrument.length_mm:g} mm"
     return [
-        ("entry, LPS mm", place(path.entry_mm)),
-        ("target, LPS mm", place(path.target_mm)),
+        ("entry, LPS mm", coordinates(path.entry_mm)),
+        ("target, LPS mm", coordinates(path.target_mm)),
         ("instrument", instrument),
         *([("electrode, its tip at the target", path.electrode.name)] if path.electrode else []),
         *([("notes", path.notes)] if path.notes else []),
