@@ -24,7 +24,6 @@ from ronnaplan.correspondence.pairing import (
     IntArray,
     Pairing,
     Rival,
-    no_pairs,
 )
 from ronnaplan.correspondence.poses import Found, find_poses, weighed_with, work_allowed
 from ronnaplan.correspondence.problem import Problem, moved_pairs, pairs_of
@@ -88,7 +87,7 @@ def match_large(problem: Problem, least_probability: float) -> Pairing:
     work_done = 0.0 if answer.status == "unique" else work_allowed(problem) - kept_back
     best = next(iter(views[0].poses), None)
     if is_mirrored(views[0].chance.problem, best, float(of_pairs.sum()), work_done):
-        return Pairing("unmatched", no_pairs(), answer.probability, rivals_of(views[0].poses), LEFT_HANDED)
+        return Pairing.unmatched(LEFT_HANDED, answer.probability, rivals_of(views[0].poses))
     return answer
 
 
@@ -99,7 +98,7 @@ def weighed(views: list[Found], least_probability: float) -> tuple[Pairing, Floa
     """
     found = views[0]
     if not found.poses:
-        return Pairing("unmatched", no_pairs(), 0.0, reason=nothing_found(found)), np.zeros(0)
+        return Pairing.unmatched(nothing_found(found)), np.zeros(0)
     best = found.poses[0]
     of_pairs = found.chance.pair_probabilities(best.matrix, best.partner)
     others = max(odds_of_rivals(found), *(odds_of_bodies(view, best) for view in views))
@@ -117,7 +116,7 @@ def decided(found: Found, others: float, of_pairs: FloatArray, least_probability
     probability = 1.0 / (1.0 + others + beside + found.missed + by_chance)
     if probability < least_probability and beside > max(others, found.missed, by_chance):
         touch = int(best.pairs[of_pairs.argmax(), 0])  # of the one or of the other
-        return Pairing("ambiguous", no_pairs(), probability, rivals, TWO_BODIES, touch, best.pairs)
+        return Pairing.ambiguous(TWO_BODIES, probability, rivals, touch=touch, doubtful=best.pairs)
     if probability < least_probability:
         reason = f"the best pose has probability {probability:.4g}, at least {least_probability:g} is required"
         if others < found.missed:
@@ -125,15 +124,15 @@ def decided(found: Found, others: float, of_pairs: FloatArray, least_probability
                 "the search was given up: the points are so dense or so regular that an equal pose may have been "
                 f"missed (probability {found.missed:.2g}); leave out what is no marker, or state known pairs"
             )
-        return Pairing("ambiguous", no_pairs(), probability, rivals, reason, telling_point(found.poses))
+        return Pairing.ambiguous(reason, probability, rivals, touch=telling_point(found.poses))
     certain = of_pairs >= least_probability
     given, doubtful = best.pairs[certain], best.pairs[~certain]
     if len(given) < LEAST_PAIRS or odds_of_turn(problem, given) * (1.0 - least_probability) < least_probability:
         reason = "fewer than three pairs off one line are certain"
-        return Pairing("ambiguous", no_pairs(), probability, rivals, reason, doubtful=best.pairs)
+        return Pairing.ambiguous(reason, probability, rivals, doubtful=best.pairs)
     if not problem.told.allows(len(given)):
         reason = f"{len(given)} pairs fit but {problem.told} are expected; check the expected number"
-        return Pairing("unmatched", no_pairs(), probability, rivals, reason)
+        return Pairing.unmatched(reason, probability, rivals)
     moved = moved_pairs(problem, best.partner)
     return Pairing("unique", given, probability, rivals[1:], doubtful=doubtful, moved=moved)
 

@@ -19,7 +19,7 @@ from ronnaplan.correspondence.inputs import (
     checked_told,
 )
 from ronnaplan.correspondence.large import match_large
-from ronnaplan.correspondence.pairing import LEAST_PROBABILITY, LEFT_HANDED, Pairing, no_pairs
+from ronnaplan.correspondence.pairing import LEAST_PROBABILITY, LEFT_HANDED, Pairing
 from ronnaplan.correspondence.problem import Problem
 from ronnaplan.correspondence.small import match_small
 from ronnaplan.errors import InputError, check_type
@@ -112,7 +112,7 @@ def _not_listed(problem: Problem) -> Pairing:
         f"too many pairings of {len(problem.ct)} CT points with {len(problem.ots)} readings fit almost equally "
         "well to list them all; have more of the markers read, or state pairs that are known"
     )
-    return Pairing("ambiguous", no_pairs(), 0.0, reason=reason)
+    return Pairing.ambiguous(reason)
 
 
 def _check_settings(least_probability: float, field_radius_mm: float | None, spread_mm: float) -> None:

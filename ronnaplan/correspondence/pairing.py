@@ -81,6 +81,25 @@ class Pairing(Shown[tuple[int, int]]):
     doubtful: IntArray = field(default_factory=no_pairs)
     moved: IntArray = field(default_factory=no_pairs)
 
+    @classmethod
+    def unmatched(cls, reason: str, probability: float = 0.0, rivals: tuple[Rival, ...] = ()) -> Pairing:
+        """Return the refusal of sets for which no pairing is acceptable."""
+        return cls("unmatched", no_pairs(), probability, rivals, reason)
+
+    @classmethod
+    def ambiguous(
+        cls,
+        reason: str,
+        probability: float = 0.0,
+        rivals: tuple[Rival, ...] = (),
+        *,
+        touch: int | None = None,
+        doubtful: IntArray | None = None,
+    ) -> Pairing:
+        """Return the refusal of sets that can be paired, but not in one way that is sure."""
+        kept = no_pairs() if doubtful is None else doubtful
+        return cls("ambiguous", no_pairs(), probability, rivals, reason, touch, kept)
+
     def _items(self) -> Sequence[tuple[int, int]]:
         return [(int(ct), int(ots)) for ct, ots in self.pairs]
 

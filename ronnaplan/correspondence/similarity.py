@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from kernelcache import njit
 from ronnaplan.correspondence.graph import distances
 from ronnaplan.correspondence.inputs import checked_number, checked_points
-from ronnaplan.correspondence.pairing import IntArray, Pairing, no_pairs
+from ronnaplan.correspondence.pairing import IntArray, Pairing
 from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray
 
@@ -60,7 +60,7 @@ def match_by_similarity(
     i = np.flatnonzero(partner >= 0)
     if len(i) == 0:
         reason = f"no tolerance from {e_start_mm:g} to {e_stop_mm:g} mm leaves one pairing of {count} points"
-        return Pairing("unmatched", no_pairs(), math.nan, reason=reason)
+        return Pairing.unmatched(reason, math.nan)
     return Pairing("unique", np.column_stack((i, partner[i])), math.nan)
 
 

@@ -70,7 +70,7 @@ def match_small(problem: Problem, least_probability: float) -> Pairing | None:
     answer = decide(problem, weighed, least_probability)
     if answer.reason != LEFT_HANDED and contradicts_known(problem):
         reason = "the points fit far better without the pairs that were given; check what was pointed at"
-        return Pairing("ambiguous", no_pairs(), answer.probability, weighed.rivals(), reason)
+        return Pairing.ambiguous(reason, answer.probability, weighed.rivals())
     return answer
 
 
@@ -103,7 +103,7 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
     mirrored = is_mirrored(problem, weighed)
     if len(weighed.log_evidence) == 0:
         reason = "no three pairs agree in their distances; check that both sets are of this patient, and in mm"
-        return Pairing("unmatched", no_pairs(), 0.0, reason=LEFT_HANDED if mirrored else reason)
+        return Pairing.unmatched(LEFT_HANDED if mirrored else reason)
     other = odds_of_another_body(problem, weighed.partners[0])
     regular = regular_odds(weighed.log_evidence, weighed.chi2, weighed.partners, 0, weighed.background)
     posterior = weighed.posterior(other + regular)
@@ -112,15 +112,15 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
     other, probability = max(other, beside), probability / (1.0 + beside)
     rivals, pairs = weighed.rivals(), pairs_of(core)
     if mirrored:
-        return Pairing("unmatched", no_pairs(), probability, rivals, LEFT_HANDED)
+        return Pairing.unmatched(LEFT_HANDED, probability, rivals)
     if weighed.background >= weighed.log_evidence[0]:
         reason = "the best pairing explains the points no better than chance does"
-        return Pairing("unmatched", no_pairs(), probability, rivals, reason)
+        return Pairing.unmatched(reason, probability, rivals)
     if not problem.told.allows(len(pairs)):
         reason = (
             f"{len(pairs)} pairs fit but {problem.told} are expected; check the markers or the expected number"
         )
-        return Pairing("unmatched", no_pairs(), probability, rivals, reason)
+        return Pairing.unmatched(reason, probability, rivals)
     if probability < least_probability:
         reason = f"the best pairing has probability {probability:.4g}, at least {least_probability:g} is required"
         touch = best_touch(weighed, posterior)
@@ -128,18 +128,18 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
             reason, touch = TWO_BODIES, int(pairs_of(weighed.partners[0])[0, 0])  # of the one or of the other
         elif regular > 1.0 - least_probability:
             reason = "the markers are laid out regularly and fit in more than one order; point at one, or move one"
-        return Pairing("ambiguous", no_pairs(), probability, rivals, reason, touch)
+        return Pairing.ambiguous(reason, probability, rivals, touch=touch)
     if odds_if_larger(weighed.log_evidence, weighed.chi2, weighed.partners, core) > MOST_ODDS_IF_LARGER:
         reason = (
             f"were the errors {SCALES[-1]:g} times as large as stated, another pairing might be the right one; "
             "have one more marker read, or point at one"
         )
-        return Pairing("ambiguous", no_pairs(), probability, rivals, reason, best_touch(weighed, posterior))
+        return Pairing.ambiguous(reason, probability, rivals, touch=best_touch(weighed, posterior))
     if is_collinear(problem.ct[pairs[:, 0]], problem.pair_variances(*pairs.T)):
         reason = (
             "the paired points lie on one line, so the rotation about it is unknown; add a marker off the line"
         )
-        return Pairing("ambiguous", no_pairs(), probability, rivals, reason)
+        return Pairing.ambiguous(reason, probability, rivals)
     left_out = pairs_of(np.where(core < 0, weighed.partners[0], -1))
     return Pairing("unique", pairs, probability, rivals[1:], doubtful=left_out, moved=moved_pairs(problem, core))
 
