@@ -48,7 +48,7 @@ UNKNOWN: Final = np.full((3, 3), np.nan)
 NOTHING_USUAL: Final = Usual()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Examined:
     """A candidate that was fitted: where it was seen, the fit's result, and (test, reason) of each test it failed.
 
@@ -234,22 +234,24 @@ def examine_place(
     # The two edges of a shell or a wrapping are too near each other.
     tells_blur = build == SOLID and not fit.is_clipped
     return Examined(
-        center_mm,
-        diameter_mm,
-        thickness_mm,
-        fit.center_mm,
-        evidence.covariance_mm2 if is_center_told else UNKNOWN,
-        cramer_rao_bound(fit, evidence.noise_hu) if is_center_told else UNKNOWN,
-        fit.theta,
-        fit.coverage,
-        unseen,
-        fit.misfit,
-        fit.is_clipped,
-        evidence.excess_mm,
-        by_excess(fit) if is_center_told else UNKNOWN,
-        fit.verdict.is_covered,
-        evidence.movement if is_center_told else None,
-        blur_mm2(evidence.edge) if tells_blur and {name for name, _ in failed} <= OF_THE_SHAPE else UNKNOWN,
-        shape_of(evidence.edge, diameter_mm / 2.0) if tells_blur and is_center_told else UNKNOWN,
-        failed,
+        candidate_mm=center_mm,
+        stated_mm=diameter_mm,
+        thickness_mm=thickness_mm,
+        center_mm=fit.center_mm,
+        covariance_mm2=evidence.covariance_mm2 if is_center_told else UNKNOWN,
+        bound_mm2=cramer_rao_bound(fit, evidence.noise_hu) if is_center_told else UNKNOWN,
+        parameters=fit.theta,
+        coverage=fit.coverage,
+        unseen=unseen,
+        misfit=fit.misfit,
+        is_clipped=fit.is_clipped,
+        excess_mm=evidence.excess_mm,
+        by_excess=by_excess(fit) if is_center_told else UNKNOWN,
+        is_covered=fit.verdict.is_covered,
+        movement=evidence.movement if is_center_told else None,
+        blur_mm2=blur_mm2(evidence.edge)
+        if tells_blur and {name for name, _ in failed} <= OF_THE_SHAPE
+        else UNKNOWN,
+        shape=shape_of(evidence.edge, diameter_mm / 2.0) if tells_blur and is_center_told else UNKNOWN,
+        failures=failed,
     )
