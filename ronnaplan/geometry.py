@@ -158,6 +158,15 @@ def as_covariances(values: ArrayLike, count: int, name: str) -> FloatArray:
     return np.broadcast_to(given, (count, 3, 3))
 
 
+def rms_mm(covariances_mm2: FloatArray) -> FloatArray:
+    """Return the root-mean-square lengths (...) of errors of these ``covariances_mm2`` (..., 3, 3), over all axes.
+
+    >>> float(rms_mm(np.diag([1.0, 4.0, 4.0])))
+    3.0
+    """
+    return np.asarray(np.sqrt(np.trace(covariances_mm2, axis1=-2, axis2=-1)))
+
+
 def require_sigma(sigma_mm: float, name: str) -> None:
     """Raise `InputError` unless ``sigma_mm`` is a standard deviation per axis: zero or more, and in mm.
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from typing import Any, Literal, Self
 
-import numpy as np
 from pydantic import model_validator
 
 from ronnaplan.ct.identity import ScanIdentity
@@ -22,7 +21,7 @@ from ronnaplan.documents.fields import (
 )
 from ronnaplan.documents.poses import PoseEntry, pose_entry, same_pose
 from ronnaplan.documents.reading import made, read_document
-from ronnaplan.geometry import FloatArray, Frame
+from ronnaplan.geometry import FloatArray, Frame, rms_mm
 from ronnaplan.pose import Pose
 from ronnaplan.robot.chain import OTS, TCP, Capture, M, R, robot_from_ct
 from ronnaplan.robot.markers import RobotRegistration
@@ -178,4 +177,4 @@ def _exact(pose: Pose) -> Pose:
 
 
 def _share(link: str, pose: Pose, place_mm: FloatArray) -> dict[str, object]:
-    return {"link": link, "rms": float(np.sqrt(np.trace(pose.point_covariances(place_mm[None])[0])))}
+    return {"link": link, "rms": float(rms_mm(pose.point_covariances(place_mm[None])[0]))}

@@ -31,7 +31,7 @@ from ronnaplan.documents.fields import (
 )
 from ronnaplan.documents.reading import made, read_document
 from ronnaplan.errors import check_type
-from ronnaplan.geometry import FloatArray, Frame, Points
+from ronnaplan.geometry import FloatArray, Frame, Points, rms_mm
 from ronnaplan.localization.fiducials import UNSEEN_MOTION_MM, FiducialFlag, Fiducials
 
 FORMAT = "ronnaplan.fiducials"
@@ -126,7 +126,7 @@ class FiducialEntry(DocumentModel):
     @property
     def error_rms_mm(self) -> float:
         """Expected distance (root mean square) of the center from the truth."""
-        return float(np.sqrt(np.trace(np.array(self.covariance))))
+        return float(rms_mm(np.array(self.covariance)))
 
     @property
     def doubts(self) -> tuple[str, ...]:

@@ -32,7 +32,7 @@ from ronnaplan.documents.fields import (
 )
 from ronnaplan.documents.reading import read_document
 from ronnaplan.errors import FrameMismatchError, InputError
-from ronnaplan.geometry import Frame, Points
+from ronnaplan.geometry import Frame, Points, rms_mm
 from ronnaplan.planning.uncertainty import ExpectedPose
 from ronnaplan.pose import Pose, as_pose, transform_points
 from ronnaplan.registration.flags import RegistrationFlag
@@ -80,7 +80,7 @@ class TargetEntry(DocumentModel):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        rms = float(np.sqrt(np.trace(np.array(self.covariance))))
+        rms = float(rms_mm(np.array(self.covariance)))
         if not np.isclose(self.predicted_tre_rms, rms, rtol=SAME_ERROR, atol=0.0):
             raise ValueError(
                 f"predicted_tre_rms is {self.predicted_tre_rms:g} mm, but its covariance says {rms:g} mm"

@@ -12,7 +12,7 @@ import numpy as np
 
 from ronnaplan.ct.volume import CTVolume, SeriesSource, VolumeFlag
 from ronnaplan.display import Shown, coordinates, head_in_3d
-from ronnaplan.geometry import FloatArray, Points
+from ronnaplan.geometry import FloatArray, Points, rms_mm
 from ronnaplan.localization.build import SIZE_TOLERANCE_MM, SOLID, Build
 from ronnaplan.localization.fit.parameters import (
     BLUR,
@@ -77,7 +77,7 @@ class Fiducial:
     @property
     def error_rms_mm(self) -> float:
         """Root-mean-square distance between found and true center, over all three axes, that the covariance states."""
-        return float(np.sqrt(np.trace(self.covariance_mm2)))
+        return float(rms_mm(self.covariance_mm2))
 
     @property
     def standard_error_mm(self) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, Points, as_points, require_sigma
+from ronnaplan.geometry import FloatArray, Points, as_points, require_sigma, rms_mm
 from ronnaplan.planning.trajectory import Trajectory
 from ronnaplan.pose import Pose, point_jacobian, rotation_sd_deg
 from ronnaplan.registration.flags import LOOSE_ROTATION_DEG
@@ -79,7 +79,7 @@ class ExpectedPose:
 
     def tre_rms_mm(self, places_mm: ArrayLike) -> FloatArray:
         """Return the expected root-mean-square error (N,) at ``places_mm`` (N, 3) in LPS."""
-        return _rms_mm(self.covariances_mm2(places_mm))
+        return rms_mm(self.covariances_mm2(places_mm))
 
     @property
     def is_loose(self) -> bool:
@@ -142,7 +142,7 @@ class PathError:
     @property
     def tre_rms_mm(self) -> FloatArray:
         """Expected root-mean-square error (D,) at each depth."""
-        return _rms_mm(self.covariances_mm2)
+        return rms_mm(self.covariances_mm2)
 
     @property
     def entry_rms_mm(self) -> float:
@@ -170,12 +170,6 @@ def path_error(trajectory: Trajectory, expected: ExpectedPose, tolerance_mm: flo
     jacobian = point_jacobian(places)
     chance = _chance(sideways @ jacobian[0], jacobian[-1], expected.covariance, tolerance_mm)
     return PathError(expected, depths, covariances, tube, float(np.degrees(angular)), tolerance_mm, chance)
-
-
-def _rms_mm(covariances_mm2: FloatArray) -> FloatArray:
-    """Return the root-mean-square error (...) of covariances (..., 3, 3)."""
-    rms: FloatArray = np.sqrt(np.trace(covariances_mm2, axis1=-2, axis2=-1))
-    return rms
 
 
 @cache

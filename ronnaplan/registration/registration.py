@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.display import Shown, coordinates
 from ronnaplan.errors import InputError, check_type
-from ronnaplan.geometry import FloatArray, Frame, as_points
+from ronnaplan.geometry import FloatArray, Frame, as_points, rms_mm
 from ronnaplan.pose import Pose as Pose
 from ronnaplan.pose import invert, rotation_sd_deg, transform_points
 from ronnaplan.registration.covariances import (
@@ -174,8 +174,7 @@ class Registration(Shown[RegisteredPair]):
 
     def tre_rms_mm(self, points_mm: ArrayLike, frame: Frame | None = None) -> FloatArray:
         """Return the expected root-mean-square target registration error (N,) at moving ``points_mm`` (N, 3)."""
-        rms: FloatArray = np.sqrt(np.trace(self.tre(points_mm, frame), axis1=-2, axis2=-1))
-        return rms
+        return rms_mm(self.tre(points_mm, frame))
 
     def tre_map(self, volume: CTVolume | ScalarMap) -> ScalarMap:
         """Return the expected root-mean-square TRE (mm) at every voxel of a scan or a map in the moving frame.

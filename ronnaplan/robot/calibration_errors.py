@@ -18,7 +18,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import FloatArray, rms_mm
 from ronnaplan.robot.board import grid_mm
 from ronnaplan.robot.calibration_fit import CAMERAS, FIELDS, FREE, ORDERS, Fit, fields_of, shown_by, told_by
 from ronnaplan.robot.camera import Boards, Camera, StereoRig
@@ -125,9 +125,7 @@ def known_share(rig: StereoRig, largest_mm: float) -> float:
     places = rig.left.center_mm + rays @ rig.left.rig_from_camera[:3, :3].T
     shown = shown_by(rig.right, places)[0]
     both = places[((shown >= 0) & (shown < rig.right.size_px)).all(axis=1)]
-    known = [
-        float(np.trace(errors.of_center(rig, place, boards.square_mm / 2))) <= largest_mm**2 for place in both
-    ]
+    known = [rms_mm(errors.of_center(rig, place, boards.square_mm / 2)) <= largest_mm for place in both]
     return float(np.mean(known)) if known else 0.0
 
 

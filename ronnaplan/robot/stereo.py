@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from ronnaplan.errors import InputError, RefusedError
-from ronnaplan.geometry import FloatArray, Points
+from ronnaplan.geometry import FloatArray, Points, rms_mm
 from ronnaplan.pose import Pose
 from ronnaplan.robot.calibration_errors import errors_of, remedy
 from ronnaplan.robot.camera import RIG, Camera, StereoRig
@@ -111,9 +111,7 @@ def locate_sphere(
 
 def _require_known(sphere: StereoSphere, rig: StereoRig, diameter_mm: float, largest_mm: float) -> None:
     """Raise `RefusedError` where the center of ``sphere`` is not known to ``largest_mm`` (RMS), and say why."""
-    stated_mm, calibrated_mm = (
-        float(np.sqrt(np.trace(one))) for one in (sphere.covariance_mm2, sphere.calibration_mm2)
-    )
+    stated_mm, calibrated_mm = float(rms_mm(sphere.covariance_mm2)), float(rms_mm(sphere.calibration_mm2))
     if stated_mm <= largest_mm:
         return
     told = f"the sphere's center is known to {stated_mm:.4f} mm only; expected {largest_mm:g} mm or less: "
@@ -141,7 +139,7 @@ def _left_open(
             continue
         direction = camera.rig_from_camera[:3, :3] @ offered[0].direction
         place = camera.center_mm + offered[0].distance_mm(diameter_mm) * direction
-        open_mm = float(np.sqrt(np.trace(errors.of_center(rig, place, diameter_mm / 2))))
+        open_mm = float(rms_mm(errors.of_center(rig, place, diameter_mm / 2)))
         if open_mm > largest_mm:
             return (
                 f": by {open_mm:.2g} mm the cameras' calibration leaves open where what looks most like one is in the "

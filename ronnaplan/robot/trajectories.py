@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, Frame, as_numbers, as_points, unit
+from ronnaplan.geometry import FloatArray, Frame, as_numbers, as_points, rms_mm, unit
 from ronnaplan.planning.trajectory import SHORTEST_PATH_MM
 from ronnaplan.pose import Pose, point_jacobian, rigid
 from ronnaplan.robot.chain import R
@@ -43,8 +43,7 @@ class RobotTrajectory:
     @property
     def expected_errors_mm(self) -> FloatArray:
         """Expected root-mean-square errors (2,) at entry and target."""
-        errors: FloatArray = np.sqrt(np.trace(self.covariances_mm2, axis1=1, axis2=2))
-        return errors
+        return rms_mm(self.covariances_mm2)
 
     @property
     def depth_mm(self) -> float:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Set
 
 import numpy as np
 
+from ronnaplan.geometry import rms_mm
 from ronnaplan.localization.fit.descent import BLUR_BOUNDS_MM, MAX_CONTRAST_HU, MAX_WANDER
 from ronnaplan.localization.fit.directions import MAX_RAGGED
 from ronnaplan.localization.fit.model import has_streaks
@@ -215,7 +216,7 @@ def _roundness(evidence: Evidence) -> str | None:
 
 
 def _certainty(evidence: Evidence) -> str | None:
-    error = float(np.sqrt(np.trace(evidence.covariance_mm2)))
+    error = float(rms_mm(evidence.covariance_mm2))
     limit = MAX_STANDARD_ERROR * evidence.diameter_mm
     return None if error <= limit else f"its center is uncertain by {error:.2f} mm, {limit:.2f} mm allowed"
 
