@@ -66,7 +66,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Localize the markers below each path; with several, go on after a bad one and sum up."""
-    from ronnaplan.localization import Build, check_request
+    from ronnaplan.localization import Build
+    from ronnaplan.localization.localizer import check_request
 
     wanted = _Wanted(
         diameters(arguments.diameter),
@@ -116,7 +117,7 @@ def _template(path: str | None) -> Template | None:
 
 def _localize_one(arguments: argparse.Namespace, wanted: _Wanted) -> None:
     from ronnaplan.ct.catalogue import SeveralSeriesError
-    from ronnaplan.localization import require_count
+    from ronnaplan.localization.localizer import require_count
 
     try:
         volume = _read(arguments.paths[0], arguments.series)
@@ -158,7 +159,7 @@ class _Steps:
         return _localized(volume, self.wanted, str(self.folder / f"{job.name}.png") if self.report else None)
 
     def keep(self, job: Job, volume: CTVolume, found: Fiducials) -> str:
-        from ronnaplan.localization import require_count
+        from ronnaplan.localization.localizer import require_count
 
         require_count(found, self.wanted.expected, volume, progress=True)
         for line in _other_sizes(volume, found):
@@ -219,7 +220,7 @@ def _other_sizes(volume: CTVolume, found: Fiducials) -> list[str]:
 
     Nothing where its geometry may be wrong, which makes sizes wrong, too.
     """
-    from ronnaplan.localization import proposal, sizes_seen
+    from ronnaplan.localization.size import proposal, sizes_seen
 
     if found.distortion is not None:
         return []

@@ -46,7 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.phantom_check import phantom_check_document, read_known_phantom
     from ronnaplan.documents.reading import to_json
     from ronnaplan.errors import RefusedError, RonnaplanError, UsageError
-    from ronnaplan.localization import Build, check_request
+    from ronnaplan.localization import Build
+    from ronnaplan.localization.localizer import check_request
     from ronnaplan.text import plain_number
 
     diameter = plain_number(arguments.diameter)

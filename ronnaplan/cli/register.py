@@ -61,7 +61,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.revision import write_document
     from ronnaplan.errors import RefusedError
     from ronnaplan.registration.marker_registration import register_markers
-    from ronnaplan.tracking import find_markers, read_recording, readings_told
+    from ronnaplan.tracking import find_markers, read_recording
+    from ronnaplan.tracking.told import readings_told
 
     fiducials = read_fiducials(arguments.fiducials)
     targets = _targets(arguments, fiducials)

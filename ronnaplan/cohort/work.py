@@ -132,7 +132,7 @@ def _localized(volume: CTVolume, wanted: _Wanted) -> dict[str, Any]:
     from ronnaplan.documents.fiducials import fiducials_document
     from ronnaplan.documents.reading import to_json
     from ronnaplan.jobs.localizing import find_markers
-    from ronnaplan.localization import require_count
+    from ronnaplan.localization.localizer import require_count
 
     found = find_markers(volume, wanted.rule, wanted.template)
     document = fiducials_document(found)

@@ -6,6 +6,6 @@ from .fiducials import (
     Rejected as Rejected,
     Resolution as Resolution,
 )
-from .localizer import check_request as check_request, localize as localize, require_count as require_count
-from .size import Size as Size, common_diameter as common_diameter, proposal as proposal, sizes_seen as sizes_seen
+from .localizer import localize as localize
+from .size import Size as Size, common_diameter as common_diameter, sizes_seen as sizes_seen
 from .template import Template as Template

@@ -202,7 +202,7 @@ def _find(order: Order, scratch: Scratch) -> tuple[CTVolume, Fiducials]:
     from ronnaplan.ct import read_ct
     from ronnaplan.documents.template import read_template
     from ronnaplan.jobs.localizing import find_markers
-    from ronnaplan.localization import require_count
+    from ronnaplan.localization.localizer import require_count
 
     rule = order.rule
     volume = read_ct(order.folder, scratch=scratch)

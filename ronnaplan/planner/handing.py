@@ -160,7 +160,7 @@ class Handing:
 
     def _new_name(self, given: str) -> str:
         """Return the name of a dropped file, which is that of readings and of no file there is."""
-        from ronnaplan.tracking import READERS
+        from ronnaplan.tracking.readers import READERS
 
         name = Path(given.replace("\\", "/")).name
         plain = name.isprintable() and not name.startswith(".") and 0 < len(name.encode()) <= 200

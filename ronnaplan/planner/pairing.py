@@ -33,7 +33,8 @@ class Sought:
 
     def in_recording(self, record: Callable[[], Recording]) -> Paired:
         """Register with the markers that a tracker saw."""
-        from ronnaplan.tracking import find_markers, readings_told
+        from ronnaplan.tracking import find_markers
+        from ronnaplan.tracking.told import readings_told
 
         recording = record()
         seen = find_markers(recording, sigma_mm=self.sigma_ots_mm)

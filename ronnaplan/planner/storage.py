@@ -157,7 +157,7 @@ class Storage:
         """Whether a file of that name may hold readings, and is none of the case's documents."""
         if name in self._own_names or name.startswith("."):
             return False
-        from ronnaplan.tracking import READERS  # not until there is something to read
+        from ronnaplan.tracking.readers import READERS  # not until there is something to read
 
         return Path(name).suffix.lower() in READERS
 

@@ -7,5 +7,6 @@ from .placement import Placement as Placement, place_markers as place_markers
 from .plan import Plan as Plan
 from .proposals import Proposals as Proposals, propose as propose
 from .rulers import Ruler as Ruler
+from .sites import PlacementRules as PlacementRules, Sites as Sites, scalp_sites as scalp_sites
 from .trajectory import INSTRUMENTS as INSTRUMENTS, Instrument as Instrument, Trajectory as Trajectory
 from .uncertainty import ExpectedPose as ExpectedPose

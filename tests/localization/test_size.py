@@ -9,10 +9,10 @@ from phantoms.solids import sphere
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import RefusedError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization import Build, Size, common_diameter, proposal, size, sizes_seen
+from ronnaplan.localization import Build, Size, common_diameter, size, sizes_seen
 from ronnaplan.localization.examine import Examined
 from ronnaplan.localization.scanner.scan import Scan
-from ronnaplan.localization.size import commonest
+from ronnaplan.localization.size import commonest, proposal
 from tests.scans import balls, scan, small_stack
 
 PLACES = [(-14.3, -12.2, -3.1), (13.6, 11.7, 2.4), (15.1, -13.8, 5.3), (-13.0, 12.5, -6.0), (0.3, 0.8, 15.2)]

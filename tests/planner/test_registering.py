@@ -18,8 +18,7 @@ from ronnaplan.planner.panels import pointing_panel, registration_panel
 from ronnaplan.planner.pixels import Pixel
 from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.state import PlannerState
-from ronnaplan.tracking import READERS
-from ronnaplan.tracking.readers import BEGINNING_BYTES
+from ronnaplan.tracking.readers import BEGINNING_BYTES, READERS
 from tests import cases
 from tests.planner.conftest import reopened
 

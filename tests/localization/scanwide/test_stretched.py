@@ -13,8 +13,9 @@ from phantoms.solids import cylinder, ellipsoid
 from ronnaplan.ct import CTVolume
 from ronnaplan.documents.fiducials import fiducials_document
 from ronnaplan.errors import RefusedError
-from ronnaplan.localization import localize, require_count
+from ronnaplan.localization import localize
 from ronnaplan.localization.examine import examine
+from ronnaplan.localization.localizer import require_count
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanwide.stretched import markers_tell
 from ronnaplan.localization.template import Template
