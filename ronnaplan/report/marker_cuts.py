@@ -12,8 +12,9 @@ from ronnaplan.documents.fiducials import FiducialEntry, FiducialsDocument
 from ronnaplan.report.contact import Candidate, Pair, cut_pairs, draw_row
 
 if TYPE_CHECKING:
-    from ronnaplan.localization import Build
-    from ronnaplan.localization.scanner.scan import Scan
+    from ronnaplan.documents.fiducials import Resolution as ResolutionEntry
+    from ronnaplan.localization import Build, Resolution
+    from ronnaplan.localization.again import KnownScan
 
 AGREEMENT_MM = 0.05
 """A marker that is found again farther than this from where its document says it is raises a warning."""
@@ -42,39 +43,38 @@ class MarkerPicture:
 def marker_pictures(volume: CTVolume, found: FiducialsDocument) -> list[MarkerPicture]:
     """Fit every marker of a document again in its scan; the pictures hold what they show, and no voxels."""
     from ronnaplan.localization import Build
-    from ronnaplan.localization.fit.parameters import full_width_at_half_maximum_mm
-    from ronnaplan.localization.scanner.scan import Scan, Slant
-    from ronnaplan.localization.scanner.summed import UNTOLD, Summed
-    from ronnaplan.localization.scanwide.thick import of_thickness
+    from ronnaplan.localization.again import KnownScan
 
-    seen = found.resolution
-    if seen is None:
-        scan = thick = Scan.of(volume)
-    else:
-        width_mm = seen.profile_fwhm_mm / full_width_at_half_maximum_mm(1.0, seen.profile_shape)
-        slant = None if seen.profile_axis is None else Slant(np.array(seen.profile_axis), width_mm)
-        summed = Summed(first=True, error=0.0) if seen.summed_first else UNTOLD
-        scan = Scan.of(volume, slant, summed)
-        thick = of_thickness(scan, width_mm)
+    known = KnownScan.of(volume, None if found.resolution is None else _resolution(found.resolution))
     build = Build(found.marker.layer_mm)
-    return [_picture(scan, thick, marker, build) for marker in found.fiducials]
+    return [_picture(known, marker, build) for marker in found.fiducials]
 
 
-def _picture(scan: Scan, thick: Scan, marker: FiducialEntry, build: Build) -> MarkerPicture:
-    """Fit a marker again, in slices as ``thick`` as the markers showed where their header hides it."""
-    from ronnaplan.localization.examine import fit_place
+def _resolution(entry: ResolutionEntry) -> Resolution:
+    """Return how sharp the markers looked, as the localizer tells it."""
+    from ronnaplan.localization import Resolution
 
+    return Resolution(
+        blur_mm=entry.blur_mm,
+        profile_mm=entry.profile_fwhm_mm,
+        shape=entry.profile_shape,
+        stated_mm=entry.stated_thickness_mm,
+        profile_axis=None if entry.profile_axis is None else np.array(entry.profile_axis),
+        summed_first=entry.summed_first,
+    )
+
+
+def _picture(known: KnownScan, marker: FiducialEntry, build: Build) -> MarkerPicture:
+    """Fit a marker again, and cut the scan through it."""
     stated = np.array(marker.center, dtype=np.float64)
-    fit = fit_place(scan, stated, marker.diameter_mm, build)
-    if not fit.converged:
-        fit = fit_place(thick, stated, marker.diameter_mm, build)
+    fit = known.fit(stated, marker.diameter_mm, build)
     place = Candidate(
         marker.label,
         fit.center_mm,
         fit.theta,
         accepted=True,
         layer_mm=build.layer_mm,
-        profile_axis=scan.profile_axis,
+        profile_axis=known.scan.profile_axis,
     )
     apart_mm = float(np.linalg.norm(fit.center_mm - stated))
-    return MarkerPicture(marker.label, apart_mm, place, cut_pairs(scan.volume, place))
+    return MarkerPicture(marker.label, apart_mm, place, cut_pairs(known.scan.volume, place))
