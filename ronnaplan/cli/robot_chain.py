@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 from ronnaplan.cli import GIVEN
 from ronnaplan.cli.case_options import with_sigma_ct, with_sigma_ots
 from ronnaplan.cli.output import tell, warn
-from ronnaplan.cli.robot_options import other_tool, with_robot_sigmas, with_tool
-from ronnaplan.cli.values import sigma_mm, whole
-from ronnaplan.sigmas import SIGMA_GEOMETRY_MM
+from ronnaplan.cli.robot_options import other_tool, with_robot_sigmas, with_sigma_geometry, with_tool
+from ronnaplan.cli.values import whole
 
 if TYPE_CHECKING:
     from ronnaplan.documents.chain import ChainDocument
@@ -34,13 +33,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     tracker.add_argument("--geometry", metavar="FILE", help="template.json with the centers of its spheres in M")
     tracker.add_argument("--robot", metavar="READINGS", help="the robot's pose of its TCP meanwhile")
     tracker.add_argument("--frame", type=whole(0), metavar="N", help="use one frame of both recordings")
-    tracker.add_argument(
-        "--sigma-geometry",
-        type=sigma_mm,
-        default=SIGMA_GEOMETRY_MM,
-        metavar="MM",
-        help="error of those centers per axis (default %(default)s)",
-    )
+    with_sigma_geometry(tracker)
     with_sigma_ots(tracker)
     with_tool(tracker)
     with_robot_sigmas(tracker)

@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING
 
 from ronnaplan.cli.case_options import Declares
 from ronnaplan.cli.values import number, sigma_mm
-from ronnaplan.sigmas import LARGEST_STATED_MM, LARGEST_TO_STATE_MM, SIGMA_ROBOT_DEG, SIGMA_ROBOT_MM
+from ronnaplan.sigmas import (
+    LARGEST_STATED_MM,
+    LARGEST_TO_STATE_MM,
+    SIGMA_GEOMETRY_MM,
+    SIGMA_ROBOT_DEG,
+    SIGMA_ROBOT_MM,
+)
 
 if TYPE_CHECKING:
     from ronnaplan.geometry import FloatArray
@@ -39,6 +45,17 @@ def with_robot_sigmas(parser: Declares) -> None:
         default=SIGMA_ROBOT_DEG,
         metavar="DEG",
         help="error of the robot's rotation per axis (default %(default)s)",
+    )
+
+
+def with_sigma_geometry(parser: Declares) -> None:
+    """Declare the error of a tracked tool's spheres."""
+    parser.add_argument(
+        "--sigma-geometry",
+        type=sigma_mm,
+        default=SIGMA_GEOMETRY_MM,
+        metavar="MM",
+        help="error of the spheres' places in M per axis (default %(default)s)",
     )
 
 

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 from ronnaplan.cli import GIVEN
 from ronnaplan.cli.case_options import with_server, with_sigma_ots
 from ronnaplan.cli.output import ended_gently, tell, warn
-from ronnaplan.cli.robot_options import rms, with_output, with_robot_sigmas, with_tool
-from ronnaplan.cli.values import seconds, sigma_mm
-from ronnaplan.sigmas import SIGMA_GEOMETRY_MM
+from ronnaplan.cli.robot_options import rms, with_output, with_robot_sigmas, with_sigma_geometry, with_tool
+from ronnaplan.cli.values import seconds
 
 if TYPE_CHECKING:
     from ronnaplan.documents.chain import ChainDocument
@@ -42,13 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--every", type=seconds, default=0.5, metavar="S", help="length of a moment (default %(default)s)"
     )
     with_sigma_ots(parser)
-    parser.add_argument(
-        "--sigma-geometry",
-        type=sigma_mm,
-        default=SIGMA_GEOMETRY_MM,
-        metavar="MM",
-        help="error of the spheres' places in M per axis (default %(default)s)",
-    )
+    with_sigma_geometry(parser)
     with_robot_sigmas(parser)
     with_output(parser, "a line of JSON a moment")
 

@@ -97,8 +97,7 @@ class PlannerState:
         """Add a trajectory from entry (3,) to target (3,), LPS mm, and show it; returns its name."""
         plan = self.case.plan
         taken = {one.name for one in plan.trajectories}
-        free = next(f"T{n}" for n in range(1, len(taken) + 2) if f"T{n}" not in taken)
-        added = Trajectory(name or free, entry_mm, target_mm, plan.frame)
+        added = Trajectory(name or _free("T", taken), entry_mm, target_mm, plan.frame)
         self.case.add(added)
         self.show_path(added.name)
         return added.name
@@ -107,8 +106,7 @@ class PlannerState:
         """Keep a distance (two points) or an angle (three), named by a letter and a number that is free."""
         plan = self.case.plan
         taken = {one.name for one in plan.rulers}
-        free = next(f"{letter}{n}" for n in range(1, len(taken) + 2) if f"{letter}{n}" not in taken)
-        self.case.change_plan(plan.add_ruler(Ruler(free, np.array(points_mm))))
+        self.case.change_plan(plan.add_ruler(Ruler(_free(letter, taken), np.array(points_mm))))
 
     def remove_ruler(self, name: str) -> None:
         """Remove a distance or an angle."""
@@ -170,3 +168,8 @@ class PlannerState:
         if which not in self.landmarks_mm:
             raise UsageError(f"{which} is not set; put the crosshair there and set it")
         self.look.show(self.landmarks_mm[which])
+
+
+def _free(letter: str, taken: set[str]) -> str:
+    """Return the first name of ``letter`` and a number that is not ``taken``."""
+    return next(f"{letter}{n}" for n in range(1, len(taken) + 2) if f"{letter}{n}" not in taken)
