@@ -61,6 +61,12 @@ def spans_a_plane(points_mm: FloatArray) -> bool:
     return not bool((spread[..., 1] <= COLLINEARITY_TOLERANCE * spread[..., 0]).any())
 
 
+def fre_rms_mm(matrix: FloatArray, moving_mm: FloatArray, fixed_mm: FloatArray) -> FloatArray:
+    """Return the fiducial registration error (...) of ``matrix`` (..., 4, 4): root of Eq. 1's mean squared residual."""
+    residual = fixed_mm - transform_points(matrix, moving_mm)
+    return np.asarray(np.sqrt((residual**2).sum(axis=-1).mean(axis=-1)))
+
+
 def fit_closed_form(
     moving_mm: FloatArray, fixed_mm: FloatArray, *, weights: FloatArray | None = None
 ) -> FloatArray:

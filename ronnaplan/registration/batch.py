@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from ronnaplan.bounds import FARTHEST_POINT_MM
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.geometry import FloatArray, as_numbers
-from ronnaplan.pose import transform_points
 from ronnaplan.registration.covariances import as_pair, combined_covariances, fitted_pose_covariance
-from ronnaplan.rigid import fit_closed_form, fit_likelihood, require_spread
+from ronnaplan.rigid import fit_closed_form, fit_likelihood, fre_rms_mm, require_spread
 
 CHUNK = 2000
 """Likelihood fits done at a time, so that their arrays stay in the processor's cache."""
@@ -58,9 +57,7 @@ def register_batch(
         fitted = [_fit(moving_mm[p], fixed_mm[p], sides[0][p], sides[1][p]) for p in parts]
         matrices, spread = (np.concatenate([part[k] for part in fitted]) for k in (0, 1))
         settled = np.concatenate([part[2] for part in fitted])
-    residual = fixed_mm - transform_points(matrices, moving_mm)
-    fre = np.sqrt((residual**2).sum(axis=-1).mean(axis=-1))
-    return RegistrationBatch(matrices, spread, fre, settled)
+    return RegistrationBatch(matrices, spread, fre_rms_mm(matrices, moving_mm, fixed_mm), settled)
 
 
 def _fit(

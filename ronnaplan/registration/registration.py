@@ -25,7 +25,7 @@ from ronnaplan.registration.covariances import (
 )
 from ronnaplan.registration.flags import LOOSE_ROTATION_DEG, MIRROR_GAIN, MISFIT_PROBABILITY, RegistrationFlag
 from ronnaplan.registration.stretch import explaining_stretch
-from ronnaplan.rigid import fit_closed_form, fit_likelihood, require_spread
+from ronnaplan.rigid import fit_closed_form, fit_likelihood, fre_rms_mm, require_spread
 
 if TYPE_CHECKING:
     from ronnaplan.ct.volume import CTVolume, ScalarMap
@@ -129,7 +129,7 @@ class Registration(Shown[RegisteredPair]):
     @property
     def fre_rms_mm(self) -> float:
         """Fiducial registration error: root of Eq. 1's mean squared residual."""
-        return float(np.sqrt(np.mean(self.residuals_mm**2)))
+        return float(fre_rms_mm(self.transform, self.moving_mm, self.fixed_mm))
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -209,8 +209,8 @@ class Registration(Shown[RegisteredPair]):
 
     def _fits_a_mirror(self) -> bool:
         mirrored = -self.moving_mm
-        residual = self.fixed_mm - transform_points(fit_closed_form(mirrored, self.fixed_mm), mirrored)
-        return self.fre_rms_mm > MIRROR_GAIN * float(np.sqrt((residual**2).sum(axis=1).mean())) and len(self) > 3
+        mirrored_mm = float(fre_rms_mm(fit_closed_form(mirrored, self.fixed_mm), mirrored, self.fixed_mm))
+        return self.fre_rms_mm > MIRROR_GAIN * mirrored_mm and len(self) > 3
 
 
 def _require_once(pairs_mm: FloatArray) -> None:
