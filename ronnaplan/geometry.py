@@ -77,6 +77,12 @@ class Points:
         object.__setattr__(self, "positions_mm", positions.copy())
         object.__setattr__(self, "covariances_mm2", covariances.copy())
 
+    @classmethod
+    def exact(cls, positions_mm: ArrayLike, labels: tuple[str, ...], frame: Frame) -> Points:
+        """Return points that are taken as known without error, such as those of a plan."""
+        positions = as_points(positions_mm)
+        return cls(positions, np.zeros((len(positions), 3, 3)), labels, frame)
+
     def __len__(self) -> int:
         return len(self.positions_mm)
 

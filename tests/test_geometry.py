@@ -8,7 +8,7 @@ import pytest
 from ronnaplan.bounds import FARTHEST_POINT_MM
 from ronnaplan.correspondence import describe_layout, match_points
 from ronnaplan.errors import InputError, RonnaplanError
-from ronnaplan.geometry import Points, as_points, first_apart
+from ronnaplan.geometry import Frame, Points, as_points, first_apart, rms_mm
 from ronnaplan.planning import ExpectedPose, Landmarks, Trajectory
 from ronnaplan.pose import as_pose
 from ronnaplan.registration import predict_tre, radius_95_mm, register_markers, register_points
@@ -152,3 +152,23 @@ def test_thousands_of_places_are_looked_through_without_taking_each_pair_of_them
     kept = first_apart(places.view(Counted), 2.0)
     np.testing.assert_array_equal(places[kept], lattice)
     assert len(places) <= Counted.taken <= 4 * len(places)
+
+
+def test_exact_points_have_no_error_and_are_copied_whatever_their_number() -> None:
+    given = np.array([[1.0, 2, 3], [4, 5, 6]])
+    for count in (0, 2):
+        points = Points.exact(given[:count], ("A", "B")[:count], Frame("CT", "1.2"))
+        given[:] = 0.0
+        assert (len(points), points.labels, points.frame.uid) == (count, ("A", "B")[:count], "1.2")
+        assert points.covariances_mm2.shape == (count, 3, 3)
+        assert not points.covariances_mm2.any()
+        given[:] = [[1.0, 2, 3], [4, 5, 6]]
+    assert points.positions_mm.tolist() == given.tolist()
+
+
+def test_the_rms_length_of_an_error_is_over_all_three_axes_of_any_stack() -> None:
+    rng = np.random.default_rng(8)
+    root = rng.normal(size=(2, 5, 3, 3))
+    errors = np.einsum("abij,abnj->abni", root, rng.normal(size=(2, 5, 20_000, 3)))
+    seen = np.sqrt((errors**2).sum(axis=-1).mean(axis=-1))
+    np.testing.assert_allclose(rms_mm(root @ root.swapaxes(-1, -2)), seen, rtol=0.03)

@@ -95,6 +95,7 @@ def run_markers(arguments: argparse.Namespace) -> int:
     from ronnaplan.case.surroundings import Rules, Surroundings, Terrain
     from ronnaplan.documents.files import check_target, write_atomically
     from ronnaplan.documents.plan_measures import placement_markups
+    from ronnaplan.documents.registered import target_names
     from ronnaplan.errors import UsageError
     from ronnaplan.planning import Plan
     from ronnaplan.planning.lengths import VISIBLE_DEG
@@ -110,7 +111,7 @@ def run_markers(arguments: argparse.Namespace) -> int:
     volume = scan_of_plan(arguments)
     plan = read_named_plan(arguments) if arguments.plan else Plan.of_scan(volume)
     targets = [lps(target, arguments.coordinates) for target in arguments.target or ()]
-    names = [one.name for one in plan.trajectories] + [f"target {n + 1}" for n in range(len(targets))]
+    names = [*(one.name for one in plan.trajectories), *target_names(len(targets))]
     rules = PlacementRules(
         diameter_mm=arguments.diameter,
         base_mm=arguments.base,

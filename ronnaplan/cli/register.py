@@ -103,10 +103,11 @@ def _targets(arguments: argparse.Namespace, fiducials: FiducialsDocument) -> Poi
     """Return where the error is to be predicted: the plan's points, then those of the command line."""
     import numpy as np
 
+    from ronnaplan.documents.registered import target_names
     from ronnaplan.geometry import Points, as_points
 
     frame = fiducials.points.frame
-    labels = tuple(f"target {number}" for number in range(1, len(arguments.target) + 1))
+    labels = target_names(len(arguments.target))
     places = as_points(arguments.target, "--target")
     if arguments.plan is not None:
         from ronnaplan.documents.plan import read_plan
@@ -115,7 +116,7 @@ def _targets(arguments: argparse.Namespace, fiducials: FiducialsDocument) -> Poi
         fiducials.identity.require(plan.identity)
         labels = (*plan.points.labels, *labels)
         places = np.concatenate([plan.points.positions_mm, places])
-    return Points(places, np.zeros((len(places), 3, 3)), labels, frame)
+    return Points.exact(places, labels, frame)
 
 
 def _pair(text: str, ct: Sequence[str], readings: Sequence[str]) -> tuple[str, str]:

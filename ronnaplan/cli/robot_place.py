@@ -244,19 +244,11 @@ def _source(case: Case) -> Source:
 
     assert case.plan is not None
     assert case.volume is not None
-    source = case.volume.source
-    return Source(
-        study_instance_uid=source.study_instance_uid,
-        series_instance_uid=source.series_instance_uid,
-        frame_of_reference_uid=source.frame_of_reference_uid,
-        voxel_sha256=case.volume.voxel_sha256,
-    )
+    return Source.model_validate({**case.volume.source.uids, "voxel_sha256": case.volume.voxel_sha256})
 
 
 def _markers(case: Case) -> Points | None:
     """Return the markers to view: those named, or else those registered."""
-    import numpy as np
-
     from ronnaplan.geometry import Points
 
     if case.fiducials is not None:
@@ -264,6 +256,5 @@ def _markers(case: Case) -> Points | None:
     if case.registration is None:
         return None
     pairs = case.registration.pairs
-    centers = np.array([pair.center for pair in pairs], dtype=np.float64).reshape(-1, 3)
     labels = tuple(pair.ct for pair in pairs)
-    return Points(centers, np.zeros((len(pairs), 3, 3)), labels, case.registration.ct_frame)
+    return Points.exact([pair.center for pair in pairs], labels, case.registration.ct_frame)

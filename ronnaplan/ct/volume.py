@@ -85,6 +85,15 @@ class SeriesSource:
         """The patient frame that it lives in."""
         return Frame("CT", self.frame_of_reference_uid)
 
+    @property
+    def uids(self) -> dict[str, str | None]:
+        """The fields by which documents name the scan, beside its voxels' hash."""
+        return {
+            "study_instance_uid": self.study_instance_uid,
+            "series_instance_uid": self.series_instance_uid,
+            "frame_of_reference_uid": self.frame_of_reference_uid,
+        }
+
 
 class Gridded:
     """Values (K, J, I) on a `SliceGrid`, as other libraries hold them; an uneven grid is refused (`InputError`)."""

@@ -236,9 +236,7 @@ def fiducials_document(found: Fiducials) -> FiducialsDocument:
         FiducialsDocument,
         {
             "source": {
-                "study_instance_uid": found.source.study_instance_uid,
-                "series_instance_uid": found.source.series_instance_uid,
-                "frame_of_reference_uid": found.source.frame_of_reference_uid,
+                **found.source.uids,
                 "voxel_sha256": found.voxel_sha256,
                 "flags": [flag.name.lower() for flag in found.volume_flags],
                 "distortion": found.distortion,

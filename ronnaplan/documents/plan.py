@@ -116,12 +116,7 @@ def plan_document(plan: Plan) -> PlanDocument:
         PlanDocument,
         {
             "revision": plan.revision,
-            "source": {
-                "study_instance_uid": plan.source.study_instance_uid,
-                "series_instance_uid": plan.source.series_instance_uid,
-                "frame_of_reference_uid": plan.source.frame_of_reference_uid,
-                "voxel_sha256": plan.voxel_sha256,
-            },
+            "source": {**plan.source.uids, "voxel_sha256": plan.voxel_sha256},
             "landmarks": _entry(plan.landmarks),
             "trajectories": [_entry(one) for one in plan.trajectories],
             "history": [_change_entry(change) for change in plan.history],

@@ -49,6 +49,11 @@ def registration_document(
     return document if targets is None else document.model_copy(update={"targets": _targets(document, targets)})
 
 
+def target_names(count: int) -> tuple[str, ...]:
+    """Return what places are called of which only the coordinates were given."""
+    return tuple(f"target {number}" for number in range(1, count + 1))
+
+
 def _require_read(registration: Registration) -> None:
     """Raise `InputError` where all readings are the scan's markers to the last digit, in LPS or in RAS."""
     ct_mm, ots_mm = registration.moving_mm, registration.fixed_mm

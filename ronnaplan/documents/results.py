@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.documents.fiducials import FiducialsDocument, fiducials_document, read_fiducials
-from ronnaplan.documents.registered import registration_document
+from ronnaplan.documents.registered import registration_document, target_names
 from ronnaplan.documents.registration import RegistrationDocument, read_registration
 from ronnaplan.documents.revision import write_document
 from ronnaplan.errors import check_type
@@ -38,7 +37,6 @@ def write_registration(
     fiducials = fiducials_document(found) if isinstance(found, Fiducials) else found
     fiducials.points.frame.require(registered.ct.frame)
     places = as_points(targets_mm, "targets")
-    labels = tuple(f"target {number}" for number in range(1, len(places) + 1))
-    targets = Points(places, np.zeros((len(places), 3, 3)), labels, registered.ct.frame)
+    targets = Points.exact(places, target_names(len(places)), registered.ct.frame)
     document = registration_document(registered, fiducials.source, targets)
     return write_document(path, document, read_registration)

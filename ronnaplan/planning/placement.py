@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ronnaplan.ct.progress import Progress, advancing
 from ronnaplan.errors import InputError, RefusedError
-from ronnaplan.geometry import FloatArray, Points, as_points
+from ronnaplan.geometry import FloatArray, Frame, Points, as_points
 from ronnaplan.planning.sites import PlacementRules, Sites, allowed_sites, even_layout
 from ronnaplan.planning.uncertainty import ExpectedPose
 from ronnaplan.text import listed
@@ -142,7 +142,7 @@ def expected_tre_mm(markers_mm: FloatArray, targets_mm: FloatArray, rules: Place
 
 def _expected(markers_mm: FloatArray, rules: PlacementRules) -> ExpectedPose:
     labels = tuple(f"M{number}" for number in range(1, len(markers_mm) + 1))
-    markers = Points(markers_mm, np.zeros((len(markers_mm), 3, 3)), labels)
+    markers = Points.exact(markers_mm, labels, Frame("CT"))
     return ExpectedPose.planned(markers, rules.sigma_ct_mm, rules.sigma_ots_mm)
 
 

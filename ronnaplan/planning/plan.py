@@ -106,9 +106,7 @@ class Plan(Shown[Trajectory]):
         """``<name> entry`` and ``<name> target`` of every trajectory, as exact points."""
         places = [place for one in self.trajectories for place in (one.entry_mm, one.target_mm)]
         labels = tuple(f"{one.name} {end}" for one in self.trajectories for end in ("entry", "target"))
-        count = len(places)
-        positions = np.array(places, dtype=np.float64).reshape(count, 3)
-        return Points(positions, np.zeros((count, 3, 3)), labels, self.frame)
+        return Points.exact(places, labels, self.frame)
 
     @property
     def identity(self) -> ScanIdentity:
