@@ -19,7 +19,9 @@ BY_HAND = "rejected by hand"
 """The reason of a marker that a person turned down; it is kept whole, so that it can be taken back."""
 
 
-def localized(volume: CTVolume, diameter_mm: float, layer_mm: float, progress: Progress) -> FiducialsDocument:
+def localized(
+    volume: CTVolume, diameter_mm: float, layer_mm: float = 0.0, progress: Progress = False
+) -> FiducialsDocument:
     """Look for the markers of a diameter in a scan, hollow or wrapped as ``layer_mm`` says."""
     from ronnaplan.localization import Build, localize
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, as_numbers
+from ronnaplan.geometry import FloatArray, as_numbers, require_covariances
 
 CHANCE = 0.95
 LEAST_SIGMAS, MOST_SIGMAS = 1.95, 2.80
@@ -46,12 +46,10 @@ def radius_95_mm(covariances_mm2: ArrayLike) -> FloatArray:
 def _variances_mm2(covariances_mm2: ArrayLike) -> FloatArray:
     """Return the variances (..., 3) along each covariance's own axes, in ascending order."""
     given = as_numbers(covariances_mm2, "the covariances", "(..., 3, 3) in mm^2")
-    if given.shape[-2:] != (3, 3) or not np.isfinite(given).all():
-        raise InputError(f"the covariances have shape {given.shape}; expected finite numbers (..., 3, 3) in mm^2")
-    variances = np.linalg.eigvalsh(given)
-    if (variances[..., 0] < -1e-9 * variances[..., -1]).any() or not np.allclose(given, given.swapaxes(-1, -2)):
-        raise InputError("a covariance is not symmetric and positive; expected one of an error, in mm^2")
-    return np.asarray(np.maximum(variances, 0.0), dtype=np.float64)
+    if given.shape[-2:] != (3, 3):
+        raise InputError(f"the covariances have shape {given.shape}; expected (..., 3, 3) in mm^2")
+    require_covariances(given, "the covariances")
+    return np.asarray(np.maximum(np.linalg.eigvalsh(given), 0.0), dtype=np.float64)
 
 
 def _octant() -> tuple[FloatArray, FloatArray]:
