@@ -98,6 +98,5 @@ def object_of(kind: str, path: Path, scan: Path, tell: Callable[[str], None]) ->
         document = read_registration(path)
         return spatial_registration(document, patient_of_scan(scan, document.source, tell))
     plan = read_plan(path)
-    uids = ("study_instance_uid", "series_instance_uid", "frame_of_reference_uid")
-    source = Source(**{name: getattr(plan.source, name) for name in uids})
+    source = Source.model_validate(plan.source.uids)
     return planned_trajectories(plan, source, patient_of_scan(scan, source, tell), sorted(scan.glob("*.dcm")))
