@@ -1,0 +1,44 @@
+"""What a slice sees of a ball, looked up for a few discs, is what exact discs show all through its thickness."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import chndtr, i0e, i1e
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.fit.ball import discs, slice_profile
+from ronnaplan.localization.fit.model import evaluate
+from ronnaplan.localization.fit.parameters import BLUR, CONTRAST, EDGE, PARAMETERS, RADIUS, SHAPE, WIDTH
+
+SAME_SHARE = 2e-4
+"""Of the contrast, away from the poles: straight lines between the places of `disc_table` are off by half of it."""
+
+PLACES = 400
+"""So many places on the profile's support tell what a box sees, by the midpoint rule."""
+
+
+def seen_exactly(r: FloatArray, w: float, theta: FloatArray) -> FloatArray:
+    """Share (N,) of a ball that a slice ``w`` mm above its center sees ``r`` (N,) mm beside its axis, of a box."""
+    half, _, _ = slice_profile(theta[WIDTH], 0.0)
+    places = w + half * (2.0 * (np.arange(PLACES) + 0.5) / PLACES - 1.0)
+    a = np.sqrt(theta[RADIUS] ** 2 - places**2)[:, np.newaxis] / theta[BLUR]
+    r = r / theta[BLUR]
+    density = np.exp(-0.5 * (a - r) ** 2)
+    along = a**2 * density * i0e(a * r) - r * a * density * i1e(a * r)
+    seen: FloatArray = (chndtr(a**2, 2, r**2) + theta[EDGE] * along).mean(axis=0)
+    return seen
+
+
+@pytest.mark.parametrize("edge", [-0.3, 0.0, 0.6])
+@pytest.mark.parametrize(("radius", "blur", "width"), [(5.75, 0.5, 0.6), (5.75, 0.25, 1.0), (1.5, 0.4, 0.3)])
+def test_a_slice_sees_what_its_discs_show_wherever_a_voxel_lies(
+    radius: float, blur: float, width: float, edge: float
+) -> None:
+    theta = np.zeros(len(PARAMETERS))
+    theta[[RADIUS, BLUR, EDGE, WIDTH, SHAPE, CONTRAST]] = radius, blur, edge, width, 0.0, 1.0
+    for w in (0.1 * radius, 0.4 * radius):
+        r = np.linspace(0.0, radius + 4.0 * blur, 997)
+        offsets = np.column_stack([0.6 * r, -0.8 * r, np.full(len(r), w)])
+        values, _ = evaluate(offsets, theta, 0.0, *discs(theta))
+        assert np.abs(values - seen_exactly(r, w, theta)).max() < SAME_SHARE
