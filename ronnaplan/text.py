@@ -105,6 +105,21 @@ def listed(names: Iterable[str], most: int = 10) -> str:
     return f"{', '.join(shown[:most])}{more}" or "none"
 
 
+def runs(names: Sequence[object], which: Iterable[int]) -> list[str]:
+    """Return the names at the indices ``which``, in their order, and such as follow each other as one.
+
+    >>> runs([4, 5, 7, 8, 20], [0, 1, 2, 4])
+    ['4-7', '20']
+    """
+    found: list[list[int]] = []
+    for one in which:
+        if found and one == found[-1][1] + 1:
+            found[-1][1] = one
+        else:
+            found.append([one, one])
+    return [f"{names[a]}" if a == b else f"{names[a]}-{names[b]}" for a, b in found]
+
+
 def as_read(name: str) -> str:
     """Return a name as it reads in a list, where neither blanks nor how accents are coded can be told.
 

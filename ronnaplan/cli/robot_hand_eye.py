@@ -10,9 +10,6 @@ from ronnaplan.cli.robot_options import RECORDED, calibrated_tool, other_tool, w
 
 HELP = "Find M from TCP (and R from OTS) from simultaneous poses of tracker and robot."
 
-MOST_NAMED = 10
-"""So many frames are named, of many that are far off."""
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of ``robot hand-eye``."""
@@ -39,7 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
         require_numbered(recording)
     seen, driven = tool_poses(tracker, arguments.tool), tool_poses(robot)
     frames, ots_from_m, robot_from_tcp = simultaneous(seen, driven)
-    found = calibrate_hand_eye(ots_from_m, robot_from_tcp)
+    found = calibrate_hand_eye(ots_from_m, robot_from_tcp, frames=frames)
     if pivot is not None:
         found = with_tip(found, pivot.tip_mm, pivot.tip_covariance_mm2)
     tool = calibrated_tool(tracker, arguments.tool)
@@ -65,13 +62,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _far(frames: Sequence[int], far: Sequence[int]) -> tuple[str, ...]:
+    from ronnaplan.robot.hand_eye_start import which_are_far
+
     if not far:
         return ()
-    named = ", ".join(str(frames[one]) for one in far[:MOST_NAMED]) + (", ..." if len(far) > MOST_NAMED else "")
-    return (
-        f"{len(far)} of {len(frames)} poses are far off what the others say (frames {named}), and were counted as they "
-        "are: look whether the tool was hidden or moved there, and leave them out of the recording",
-    )
+    which, advice = which_are_far(frames, far)
+    return (f"{which}, and were counted as they are: {advice}",)
 
 
 def _alone(seen: Iterable[int], driven: Iterable[int]) -> tuple[str, ...]:

@@ -23,6 +23,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.tool import pivot_document, read_pivot
     from ronnaplan.robot.pivot import calibrate_pivot
     from ronnaplan.robot.recorded import tool_poses
+    from ronnaplan.text import runs
     from ronnaplan.tracking import read_recording
 
     recording = read_recording(arguments.recording)
@@ -34,10 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
     write_document(arguments.output, document, read_pivot)
     x, y, z = found.tip_mm
     errors = [found.tip_covariance_mm2[axis, axis] ** 0.5 for axis in range(3)]
-    frames = list(poses)
-    slips = ", ".join(
-        f"{frames[first]}" if first == last else f"{frames[first]}-{frames[last]}" for first, last in found.slips
-    )
+    slips = ", ".join(runs(list(poses), found.slipped.nonzero()[0]))
     counted = int(found.kept.sum())
     kept = f"{counted} of " if counted < len(poses) else ""
     tell(

@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     spheres = in_rig(looks, unplaced, diameter_mm=arguments.diameter, largest_mm=arguments.largest_error)
     require_size(spheres, unplaced, arguments.diameter)
     tcp = calibrate_tcp(poses, [sphere.position_mm for sphere in spheres])
-    notes = (*notes, *cameras.doubts)
+    notes = (*notes, *cameras.doubts(arguments.largest_error))
     warn(*notes)
     write_document(arguments.output, rig_document(cameras, tcp, len(looks), arguments.diameter, notes), read_rig)
     tell(

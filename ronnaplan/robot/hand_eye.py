@@ -1,17 +1,18 @@
 """Hand-eye calibration over many poses: M from TCP and robot from tracker together.
 
-At every pose ``robot_from_tcp = robot_from_ots @ ots_from_m @ m_from_tcp``. The start is Shah's closed form (2013,
-J. Mech. Robot. 5:031007); then all twelve unknowns are fitted together with steady drifts of the tracker and of M on
+At every pose ``robot_from_tcp = robot_from_ots @ ots_from_m @ m_from_tcp``. The start is a closed form
+(`hand_eye_start`); then all twelve unknowns are fitted together with steady drifts of the tracker and of M on
 the tool, rotations and translations weighted by the scatter they turn out to have. The errors are taken as the
 tracker's, and the covariance counts that those of successive poses may be correlated.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray
@@ -28,8 +29,9 @@ from ronnaplan.pose import (
     rigid,
 )
 from ronnaplan.robot.chain import OTS, TCP, M, R
+from ronnaplan.robot.hand_eye_start import FINEST, closed_form, discrepancies, far_off, which_are_far
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
-from ronnaplan.robot.pivot import FEWEST_POSES, LONGEST_TOOL_MM, MAXWELL_MEDIAN, SLIP_SDS
+from ronnaplan.robot.pivot import LONGEST_TOOL_MM
 
 SMALLEST_TURN_DEG = 5.0
 """RMS turn about the second axis that the poses need; below it the translation along the first is undetermined."""
@@ -46,8 +48,6 @@ FEWEST_TO_SHIFT, MUCH_BETTER = 20, 0.8
 it changes nothing; where it makes the angles left smaller than this share, they are not of the same moments."""
 STARTING_SDS = (1e-3, 1.0)
 """Errors of rotation, in rad, and translation, in mm, that the first step is weighed by."""
-FINEST = (1e-9, 1e-6)
-"""No tracker errs less; poses without errors are taken to err by so much."""
 ITERATIONS = 6
 """Each weighs rotations and translations by the scatter that the one before it left."""
 CONSTANTS = 12
@@ -69,7 +69,7 @@ class HandEye:
     tcp_rms_mm: float
     """What is left at the TCP."""
     far: tuple[int, ...] = ()
-    """Which poses leave more, in angle or place, than `SLIP_SDS` robust standard deviations (per axis)."""
+    """Which poses are far off what the others say (`hand_eye_start.far_off`), and were counted as they are."""
     out_of_step: bool = False
     """Whether the poses fit far better with those of the robot one earlier, or one later."""
     repeated: int = 0
@@ -98,10 +98,13 @@ class HandEye:
         return tuple(told)
 
 
-def calibrate_hand_eye(ots_from_m: ArrayLike, robot_from_tcp: ArrayLike) -> HandEye:
+def calibrate_hand_eye(
+    ots_from_m: ArrayLike, robot_from_tcp: ArrayLike, *, frames: Sequence[int] | None = None
+) -> HandEye:
     """Return M from TCP and R from OTS from simultaneous poses of both.
 
-    ``ots_from_m`` and ``robot_from_tcp`` are (N, 4, 4) in mm. Raises `InputError` for fewer than four different poses,
+    ``ots_from_m`` and ``robot_from_tcp`` are (N, 4, 4) in mm; ``frames`` (N,) number them where they are named, from
+    zero if they are not given. Raises `InputError` for fewer than four different poses,
     unequal numbers, matrices that are no poses, and motions that turn about one axis only; `RefusedError` where the
     poses do not belong together, or the TCP lies where no tool's is.
     """
@@ -121,14 +124,12 @@ def calibrate_hand_eye(ots_from_m: ArrayLike, robot_from_tcp: ArrayLike) -> Hand
     if np.abs(seen - driven).max() < SAME_POSES:
         raise InputError("the poses of robot and tracker are the same; expected a recording of either")
     require_two_axes(driven[:, :3, :3], "M from TCP")
-    left, right = _closed_form(seen, driven)
+    left, right = closed_form(seen, driven)
     found = _refine(seen, driven, left, right)
-    if found.rotation_rms_deg > LARGEST_ROTATION_DEG or found.translation_rms_mm > LARGEST_TRANSLATION_MM:
-        raise RefusedError(
-            f"the poses of robot and tracker contradict each other by {found.rotation_rms_deg:.2f} degrees and "
-            f"{found.translation_rms_mm:.2f} mm RMS, expected at most {LARGEST_ROTATION_DEG:g} and "
-            f"{LARGEST_TRANSLATION_MM:g}; record both at the same moments, as tracker from tool and robot from TCP"
-        )
+    far = far_off(seen, driven)
+    if not _agree(found):
+        numbers = range(len(told)) if frames is None else [frames[one] for one in told]
+        raise RefusedError(_contradiction(found, seen, driven, far, numbers))
     away_mm = float(np.linalg.norm(found.m_from_tcp.translation_mm))
     if away_mm > LONGEST_TOOL_MM:
         raise RefusedError(
@@ -136,9 +137,28 @@ def calibrate_hand_eye(ots_from_m: ArrayLike, robot_from_tcp: ArrayLike) -> Hand
             "tracker from tool and robot from TCP, and not both the other way round"
         )
     out_of_step = _out_of_step(seen, driven, left, right)
-    return replace(
-        found, far=tuple(int(told[one]) for one in found.far), out_of_step=out_of_step, repeated=repeated
+    return replace(found, far=tuple(map(int, told[far])), out_of_step=out_of_step, repeated=repeated)
+
+
+def _agree(found: HandEye) -> bool:
+    return found.rotation_rms_deg <= LARGEST_ROTATION_DEG and found.translation_rms_mm <= LARGEST_TRANSLATION_MM
+
+
+def _contradiction(
+    found: HandEye, seen: FloatArray, driven: FloatArray, far: NDArray[np.bool_], frames: Sequence[int]
+) -> str:
+    """Say by how much poses (N, 4, 4) contradict each other, and which of ``frames`` do if without these none does."""
+    said = (
+        f"the poses of robot and tracker contradict each other by {found.rotation_rms_deg:.2f} degrees and "
+        f"{found.translation_rms_mm:.2f} mm RMS, expected at most {LARGEST_ROTATION_DEG:g} and "
+        f"{LARGEST_TRANSLATION_MM:g}"
     )
+    if far.any():
+        rest = seen[~far], driven[~far]
+        if _agree(_refine(*rest, *closed_form(*rest))):
+            which, advice = which_are_far(frames, np.flatnonzero(far))
+            return f"{said}: {which}; {advice}"
+    return f"{said}; record both at the same moments, as tracker from tool and robot from TCP"
 
 
 def _out_of_step(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> bool:
@@ -149,13 +169,13 @@ def _out_of_step(seen: FloatArray, driven: FloatArray, left: FloatArray, right: 
     if len(seen) < FEWEST_TO_SHIFT:
         return False
     shifted = ((seen[1:], driven[:-1]), (seen[:-1], driven[1:]))
-    apart = (_angle_left(a, b, *_closed_form(a, b)) for a, b in shifted)
+    apart = (_angle_left(a, b, *closed_form(a, b)) for a, b in shifted)
     return min(apart) < MUCH_BETTER * _angle_left(seen, driven, left, right)
 
 
 def _angle_left(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> float:
     """Return the angle, in rad RMS, that R from OTS ``left`` and M from TCP ``right`` leave between poses."""
-    error = _discrepancy(invert(left) @ driven @ invert(right), seen)
+    error = discrepancies(seen, driven, left, right)
     return float(np.sqrt((error[:, :3] ** 2).sum(axis=1).mean()))
 
 
@@ -196,29 +216,11 @@ def require_two_axes(rotations: FloatArray, unknown: str) -> None:
         )
 
 
-def _closed_form(seen: FloatArray, driven: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return ``robot_from_ots`` and ``m_from_tcp`` (4, 4): rotations from a Kronecker sum, then translations."""
-    kronecker = np.einsum("nij,nkl->ikjl", driven[:, :3, :3], seen[:, :3, :3]).reshape(9, 9)
-    u, _, vt = np.linalg.svd(kronecker)
-    rotations = [_nearest_rotation(vector.reshape(3, 3)) for vector in (u[:, 0], vt[0])]
-    left, right = rotations[0], rotations[1].T
-    design = np.concatenate([np.broadcast_to(np.eye(3), (len(seen), 3, 3)), left @ seen[:, :3, :3]], axis=2)
-    goal = driven[:, :3, 3] - seen[:, :3, 3] @ left.T
-    shifts = np.linalg.lstsq(design.reshape(-1, 6), goal.ravel(), rcond=None)[0]
-    return rigid(left, shifts[:3]), rigid(right, shifts[3:])
-
-
-def _nearest_rotation(matrix: FloatArray) -> FloatArray:
-    u, _, vt = np.linalg.svd(matrix * np.sign(np.linalg.det(matrix)))
-    rotation: FloatArray = u @ vt
-    return rotation
-
-
 def _refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> HandEye:
     """Return the least squares, by Gauss and Newton, from R from OTS ``left`` and M from TCP ``right``."""
     sds = np.repeat(STARTING_SDS, 3)
     for _ in range(ITERATIONS):
-        error = _discrepancy(invert(left) @ driven @ invert(right), seen)
+        error = discrepancies(seen, driven, left, right)
         design = _design(seen, right, sds)
         step, freedom = least_squares(design, -error / sds, CONSTANTS)
         residual = error / sds + design @ step
@@ -233,17 +235,7 @@ def _refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: Float
         float(np.degrees(np.sqrt((error[:, :3] ** 2).sum(axis=1).mean()))),
         float(np.sqrt((error[:, 3:] ** 2).sum(axis=1).mean())),
         float(np.sqrt(((error @ point_jacobian(right[:3, 3]).T) ** 2).sum(axis=1).mean())),
-        _far(error),
     )
-
-
-def _far(error: FloatArray) -> tuple[int, ...]:
-    """Return which discrepancies (N, 6) are far larger than most, as a pivot's slips are told; of a few, none."""
-    if len(error) < FEWEST_POSES:
-        return ()
-    lengths = np.linalg.norm(error.reshape(-1, 2, 3), axis=2)
-    usual = np.maximum(np.median(lengths, axis=0) / MAXWELL_MEDIAN, FINEST)
-    return tuple(map(int, np.flatnonzero((lengths > SLIP_SDS * usual).any(axis=1))))
 
 
 def _motion(twist: FloatArray) -> FloatArray:
@@ -283,11 +275,3 @@ def _covariance(design: FloatArray, residual: FloatArray, seen: FloatArray, esti
         Equations(turned @ design, (turned @ residual[..., None])[..., 0], IN_TRACKER),
     ]
     return least_squares_covariance(frames, estimate, CONSTANTS)
-
-
-def _discrepancy(predicted: FloatArray, observed: FloatArray) -> FloatArray:
-    """Return (N, 6): rotation vector and translation of ``observed^-1 @ predicted``."""
-    from scipy.spatial.transform import Rotation
-
-    off = invert(observed) @ predicted
-    return np.concatenate([Rotation.from_matrix(off[:, :3, :3]).as_rotvec(), off[:, :3, 3]], axis=1)

@@ -57,15 +57,14 @@ class StereoCalibration:
         """Return the cameras with the TCP at ``tcp_from_rig``."""
         return StereoRig(self.left, self.right, tcp_from_rig, self.boards)
 
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """Where in the images it does not hold, and what the corners say against it."""
+    def doubts(self, largest_mm: float = LARGEST_STATED_MM) -> tuple[str, ...]:
+        """Where in the images it does not tell spheres to ``largest_mm``, and what the corners say against it."""
         rig = self.rig(Pose.exact(np.eye(4), TCP, RIG))
-        share, of_images = (known_share(one, LARGEST_STATED_MM) for one in (rig, with_exact_squares(rig)))
+        share, of_images = (known_share(one, largest_mm) for one in (rig, with_exact_squares(rig)))
         told = []
         if share < LEAST_KNOWN:
             told.append(
-                f"the boards tell the cameras to {LARGEST_STATED_MM:g} mm in {share:.0%} of what both see where the "
+                f"the boards tell the cameras to {largest_mm:g} mm in {share:.0%} of what both see where the "
                 f"boards were, expected {LEAST_KNOWN:.0%} or more: spheres elsewhere are refused; "
                 + (MORE_BOARDS if of_images < LEAST_KNOWN else MEASURE_SQUARES)
             )

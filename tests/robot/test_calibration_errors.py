@@ -117,7 +117,7 @@ def test_lenses_that_bend_otherwise_are_told_by_the_boards_and_counted(monkeypat
     found = calibrated(monkeypatch, np.random.default_rng(9), prism_px=0.8)
     assert found.boards.lens_px > NOISE_PX
     assert re.search(
-        r"off by 0\.0\d\d pixels in smooth fields, .* noise of 0\.020: the board is wavy", found.doubts[0]
+        r"off by 0\.0\d\d pixels in smooth fields, .* noise of 0\.020: the board is wavy", found.doubts()[0]
     )
     assert found.boards.error_px == pytest.approx(NOISE_PX, rel=0.1)
     errors = located(found, prism_px=0.8) - PLACES
@@ -155,22 +155,24 @@ def test_the_shape_of_a_board_that_is_not_flat_is_fitted(monkeypatch: pytest.Mon
     assert bowed.boards.error_px == pytest.approx(flat.boards.error_px, rel=0.01)
     np.testing.assert_allclose(located(bowed), located(flat), atol=0.001)
     np.testing.assert_allclose(stated(bowed), stated(flat), rtol=0.1, atol=1e-7)
-    assert bowed.doubts == ()
+    assert bowed.doubts() == ()
 
 
 def test_places_beyond_the_boards_are_known_worse(monkeypatch: pytest.MonkeyPatch) -> None:
     wide, near = (calibrated(monkeypatch, np.random.default_rng(10), wide=one) for one in (1.0, 0.6))
     assert known_share(wide.rig(NO_TCP), 0.012) > 0.8 > 0.6 > known_share(near.rig(NO_TCP), 0.012) > 0.1
-    assert wide.doubts == ()
-    assert "the boards tell the cameras to 0.012 mm in " in near.doubts[0]
-    assert "take more boards" in near.doubts[0]
+    assert wide.doubts() == ()
+    assert "the boards tell the cameras to 0.012 mm in " in near.doubts()[0]
+    assert "take more boards" in near.doubts()[0]
+    assert "the boards tell the cameras to 0.013 mm in " in near.doubts(0.013)[0]
+    assert near.doubts(0.1) == ()
 
 
 def test_more_boards_are_not_advised_where_their_squares_leave_places_open(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     printed = calibrated(monkeypatch, np.random.default_rng(10), sigma_square=1e-3)
-    assert "measure the board over its whole length" in printed.doubts[0]
+    assert "measure the board over its whole length" in printed.doubts()[0]
 
 
 def test_boards_that_are_all_alike_do_not_determine_the_cameras(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -63,7 +63,7 @@ def test_cameras_calibrated_on_a_board_measure_the_sphere_to_a_fiftieth_of_a_mil
     calibration = calibrate_on_board(*boards(), corners=CORNERS, square_mm=SQUARE)
     rig = calibration.rig(RIG_EXACT.tcp_from_rig)
     assert calibration.rms_px < 0.03
-    assert calibration.doubts == ()
+    assert calibration.doubts() == ()
     rng = np.random.default_rng(7)
     truth = [
         np.array([x, y, z]) for x, y, z in ((-8.0, -6, 296), (9, -5, 300), (-7, 8, 304), (8, 7, 298), (0, 0, 301))

@@ -1,0 +1,94 @@
+"""Where a hand-eye calibration starts: Shah's closed form, and which poses are far off what the others say.
+
+The closed form (2013, J. Mech. Robot. 5:031007) is that of least squares, so that a few wrong poses turn it towards
+them, and right ones then look as wrong. Which poses are far off is therefore told from the least sum of the lengths
+that poses leave, as a pivot's slips are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.pose import invert, rigid
+from ronnaplan.robot.pivot import FEWEST_POSES, MAXWELL_MEDIAN, SLIP_SDS
+from ronnaplan.text import listed, runs
+
+FINEST = (1e-9, 1e-6)
+"""No tracker errs less, in rad and mm; poses without errors are taken to err by so much."""
+MOST_WRONG = 1 / 3
+"""Of more that are far off it is open whether they are wrong or the others, as where something was moved."""
+ROUNDS, SETTLED = 50, 1e-3
+"""So many rounds weigh the poses anew, or until no weight changes by more than this part of the largest."""
+
+
+def closed_form(
+    seen: FloatArray, driven: FloatArray, weight: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Return ``robot_from_ots`` and ``m_from_tcp`` (4, 4): rotations from a Kronecker sum, then translations.
+
+    Poses (N, 4, 4) count by ``weight`` (N,), alike where none is given.
+    """
+    share = np.ones(len(seen)) if weight is None else weight
+    kronecker = np.einsum("n,nij,nkl->ikjl", share, driven[:, :3, :3], seen[:, :3, :3]).reshape(9, 9)
+    u, _, vt = np.linalg.svd(kronecker)
+    rotations = [_nearest_rotation(vector.reshape(3, 3)) for vector in (u[:, 0], vt[0])]
+    left, right = rotations[0], rotations[1].T
+    design = np.concatenate([np.broadcast_to(np.eye(3), (len(seen), 3, 3)), left @ seen[:, :3, :3]], axis=2)
+    goal = driven[:, :3, 3] - seen[:, :3, 3] @ left.T
+    root = np.sqrt(share)[:, None]
+    shifts = np.linalg.lstsq((root[:, None] * design).reshape(-1, 6), (root * goal).ravel(), rcond=None)[0]
+    return rigid(left, shifts[:3]), rigid(right, shifts[3:])
+
+
+def discrepancies(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> FloatArray:
+    """Return (N, 6): rotation vectors and places that R from OTS ``left`` and M from TCP ``right`` leave at M."""
+    from scipy.spatial.transform import Rotation
+
+    off = invert(seen) @ (invert(left) @ driven @ invert(right))
+    return np.concatenate([Rotation.from_matrix(off[:, :3, :3]).as_rotvec(), off[:, :3, 3]], axis=1)
+
+
+def far_off(seen: FloatArray, driven: FloatArray) -> NDArray[np.bool_]:
+    """Return which poses (N,) leave more, in angle or place, than `SLIP_SDS` robust deviations; of a few, none."""
+    if len(seen) < FEWEST_POSES:
+        return np.zeros(len(seen), dtype=bool)
+    lengths = _lengths_left(seen, driven)
+    return np.asarray((lengths > SLIP_SDS * _usual(lengths)).any(axis=1))
+
+
+def which_are_far(frames: Sequence[int], far: Sequence[int]) -> tuple[str, str]:
+    """Say which of the poses of ``frames`` (N,) are ``far`` off, and what to do about it."""
+    named = listed(runs(frames, far))
+    told = f"{len(far)} of {len(frames)} poses are far off what the others say (frames {named})"
+    looked = "look whether the tool was hidden or moved there, and "
+    if len(far) > MOST_WRONG * len(frames):
+        return told, looked + "record anew: of so many it is not sure that they are wrong, and not the others"
+    return told, looked + "leave them out of the recording"
+
+
+def _lengths_left(seen: FloatArray, driven: FloatArray) -> FloatArray:
+    """Return the angles and lengths (N, 2) that the poses leave where these, by what is usual, have the least sum."""
+    weight = np.ones(len(seen))
+    for _ in range(ROUNDS):
+        error = discrepancies(seen, driven, *closed_form(seen, driven, weight))
+        lengths = np.linalg.norm(error.reshape(-1, 2, 3), axis=2)
+        # a length below the usual one counts as that: least squares among those that are right
+        before, weight = weight, 1 / np.maximum((lengths / _usual(lengths)).max(axis=1), 1.0)
+        if np.abs(weight - before).max() < SETTLED:
+            break
+    return lengths
+
+
+def _usual(lengths: FloatArray) -> FloatArray:
+    """Return the robust standard deviations (2,) per axis of angles and lengths (N, 2)."""
+    return np.asarray(np.maximum(np.median(lengths, axis=0) / MAXWELL_MEDIAN, FINEST))
+
+
+def _nearest_rotation(matrix: FloatArray) -> FloatArray:
+    u, _, vt = np.linalg.svd(matrix * np.sign(np.linalg.det(matrix)))
+    rotation: FloatArray = u @ vt
+    return rotation

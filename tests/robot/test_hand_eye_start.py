@@ -1,0 +1,51 @@
+"""Which poses of a hand-eye calibration are far off what the others say."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ronnaplan.errors import RefusedError
+from ronnaplan.robot.hand_eye import calibrate_hand_eye
+from tests.robot.test_orientation import hand_eye_poses, matrix
+
+
+def spoilt(seen: np.ndarray, which: list[int], far_mm: float, turn_deg: float) -> np.ndarray:
+    """Return poses of which some are moved and turned, each to another side."""
+    rng, wrong = np.random.default_rng(len(which)), seen.copy()
+    sides = rng.normal(size=(2, len(which), 3))
+    sides /= np.linalg.norm(sides, axis=2, keepdims=True)
+    wrong[which, :3, :3] = Rotation.from_rotvec(np.radians(turn_deg) * sides[0]).as_matrix() @ wrong[which, :3, :3]
+    wrong[which, :3, 3] += far_mm * sides[1]
+    return wrong
+
+
+@pytest.mark.parametrize(("far_mm", "turn_deg"), [(5.0, 0.0), (0.0, 2.0), (20.0, 0.0), (20.0, 5.0)])
+@pytest.mark.parametrize(("count", "which"), [(20, [2]), (20, [0, 5, 6, 19]), (40, [3, 9, 20, 33])])
+def test_poses_that_are_far_off_are_named_and_no_others(
+    count: int, which: list[int], far_mm: float, turn_deg: float
+) -> None:
+    """They draw least squares towards them, by which right ones were named as well, or wrong ones were not."""
+    seen, driven, *_ = hand_eye_poses(7, count, 1e-3, 0.2)
+    assert calibrate_hand_eye(spoilt(seen, which, far_mm, turn_deg), driven).far == tuple(which)
+
+
+@pytest.mark.parametrize(("far_mm", "turn_deg"), [(50.0, 0.0), (0.0, 20.0)])
+def test_poses_for_which_all_is_refused_are_named(far_mm: float, turn_deg: float) -> None:
+    """By their frames, in which one that the tracker told again counts."""
+    seen, driven, *_ = hand_eye_poses(7, 40, 1e-3, 0.2)
+    wrong = spoilt(seen, [3, 9, 10, 33], far_mm, turn_deg)
+    wrong[8] = wrong[7]
+    told = r"4 of 39 poses are far off .* \(frames 103, 109-110, 133\); .* leave them out of the recording$"
+    with pytest.raises(RefusedError, match=told):
+        calibrate_hand_eye(wrong, driven, frames=range(100, 140))
+
+
+def test_which_half_of_a_recording_is_wrong_is_not_guessed() -> None:
+    """As where the tracker was moved meanwhile."""
+    seen, driven, *_ = hand_eye_poses(7, 40, 1e-3, 0.2)
+    either = r"frames 24-39\); look .* and record anew: of so many"
+    for moved, told in ((20, "; record both at the same moments"), (16, either)):
+        wrong = seen.copy()
+        wrong[-moved:] = matrix(np.random.default_rng(2), 100) @ seen[-moved:]
+        with pytest.raises(RefusedError, match=told):
+            calibrate_hand_eye(wrong, driven)
