@@ -156,7 +156,7 @@ def _contradiction(
     if far.any():
         rest = seen[~far], driven[~far]
         if _agree(_refine(*rest, *closed_form(*rest))):
-            which, advice = which_are_far(frames, np.flatnonzero(far))
+            which, advice = which_are_far(frames, np.flatnonzero(far).tolist())
             return f"{said}: {which}; {advice}"
     return f"{said}; record both at the same moments, as tracker from tool and robot from TCP"
 

@@ -75,7 +75,7 @@ def _lengths_left(seen: FloatArray, driven: FloatArray) -> FloatArray:
     weight = np.ones(len(seen))
     for _ in range(ROUNDS):
         error = discrepancies(seen, driven, *closed_form(seen, driven, weight))
-        lengths = np.linalg.norm(error.reshape(-1, 2, 3), axis=2)
+        lengths = np.asarray(np.linalg.norm(error.reshape(-1, 2, 3), axis=2))
         # a length below the usual one counts as that: least squares among those that are right
         before, weight = weight, 1 / np.maximum((lengths / _usual(lengths)).max(axis=1), 1.0)
         if np.abs(weight - before).max() < SETTLED:
