@@ -24,7 +24,7 @@ from ronnaplan.robot.recorded import resting_matrix, robot_pose, seen_tool, tool
 from ronnaplan.sigmas import SIGMA_OTS_MM, SIGMA_ROBOT_DEG, SIGMA_ROBOT_MM
 from ronnaplan.text import listed
 from ronnaplan.tracking import PointReading, Recording, ToolReading
-from ronnaplan.tracking.frames import labelled_frames
+from ronnaplan.tracking.frames import LARGEST_STEP_MM, labelled_frames
 from ronnaplan.tracking.recording import OK
 
 
@@ -117,7 +117,7 @@ class LiveChain:
             return Moment(LiveStatus.UNSEEN, head, None, None, str(error))
         robot = self._movement(capture)
         if seen is None or head is None or head.status is DriftStatus.TOO_FEW:
-            return Moment(LiveStatus.UNSEEN, head, robot, None, _too_few(recording))
+            return Moment(LiveStatus.UNSEEN, head, robot, None, _too_few(recording, self._followed))
         status = self._status(head, robot, seen)
         valid = status is LiveStatus.VALID
         return Moment(status, head, robot, robot_from_ct(self.ots_from_ct, capture) if valid else None)
@@ -204,9 +204,17 @@ class LiveChain:
         return LiveStatus.TRACKER_MOVED if as_one else LiveStatus.BOTH_MOVED
 
 
-def _too_few(recording: Recording) -> str:
-    """Say that the head is not seen, and why."""
-    return f"no three of the head's markers off one line are seen{_mostly_said(recording.points)}"
+def _too_few(recording: Recording, followed: Points) -> str:
+    """Say that the head's markers, which were last at ``followed``, are not seen, and why."""
+    told = f"no three of the head's markers off one line are seen{_mostly_said(recording.points)}"
+    places = np.array([one.position_mm for one in recording.points if one.usable]).reshape(-1, 1, 3)
+    away_mm = np.linalg.norm(places - followed.positions_mm, axis=2).min(axis=1)
+    if not len(away_mm) or float(np.median(away_mm)) <= LARGEST_STEP_MM:
+        return told
+    return (
+        f"{told}; most points are {np.median(away_mm):.0f} mm and more from where markers were last: if these are the "
+        "head's, it was moved; register again"
+    )
 
 
 def _require_seen(readings: Sequence[ToolReading], device: str | None, what: str) -> None:

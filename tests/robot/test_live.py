@@ -75,6 +75,19 @@ def test_a_head_whose_readings_do_not_count_is_unseen_with_the_reason(room: Live
     assert moment.why.endswith(f"off one line are seen; {len(frozen)} readings say 'repeated'")
 
 
+def test_a_head_that_is_seen_far_from_where_it_was_is_told_so(room: LiveRoom) -> None:
+    """A jump farther than markers are followed was told as if none of them were seen."""
+    chain = live(room)
+    room.head_moved[:3, 3] = (0.0, 30.0, 0.0)
+    moment = chain.judge(recording(room))
+    assert moment.status is LiveStatus.UNSEEN
+    assert re.search(r"seen; most points are (2\d|30) mm and more from where markers were last: ", moment.why)
+    room.head_moved[:3, 3] = 0.0
+    whole = recording(room)
+    two = tuple(one for n, one in enumerate(whole.points) if n % len(live(room).head) < 2)
+    assert live(room).judge(replace(whole, points=two)).why.endswith("off one line are seen")
+
+
 @pytest.mark.parametrize(("device", "told"), [("tool", "the tool"), ("robot", "the robot's pose")])
 def test_poses_that_do_not_count_are_told_as_a_streams_and_not_as_a_files(
     room: LiveRoom, device: str, told: str
