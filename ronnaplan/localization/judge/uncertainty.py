@@ -1,12 +1,12 @@
 """The covariance of a fitted center: what the image itself shows of noise and model error.
 
-The center is a weighted sum of voxel values (`BallFit.influence_mm_per_hu`), so what the residuals of one slice do to
-it is their weighted sum. Slices that see different tissue are measured apart, so these sums are taken as independent,
-and the sum of their squares is the cluster-robust "sandwich" estimate of the covariance (K.-Y. Liang and S. Zeger,
-Biometrika 73:13, 1986): noise enters with its correlation within the slice as it is, and so does whatever else differs
-from slice to slice, such as streaks and a blur that is not quite Gaussian. Slices whose profiles overlap share their
-noise as the profile's autocorrelation says (W. Newey and K. West, Econometrica 55:703, 1987, with a box's; D. Andrews,
-Econometrica 59:817, 1991, with others).
+The center is a weighted sum of voxel values (`BallFit.influence_mm_per_hu`), so what the residuals of one octant of a
+slice do to it is their weighted sum. Slices that see different tissue are measured apart, and octants are larger than
+noise is correlated, so these sums are taken as independent, and the sum of their squares is the cluster-robust
+"sandwich" estimate of the covariance (K.-Y. Liang and S. Zeger, Biometrika 73:13, 1986): noise enters with its
+correlation within the octant as it is, and so does whatever else differs from one to the next, such as streaks and a
+blur that is not quite Gaussian. Slices whose profiles overlap share their noise as the profile's autocorrelation says
+(W. Newey and K. West, Econometrica 55:703, 1987, with a box's; D. Andrews, Econometrica 59:817, 1991, with others).
 
 What all slices share, no residual along them shows: a head that moves, a panel that lags, streaks, a cone of rays. But
 what displaces edges by the direction in which they face displaces the center (the first harmonic of that direction,
@@ -22,6 +22,7 @@ import math
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import is_off_size
@@ -39,6 +40,8 @@ from ronnaplan.localization.fit.parameters import (
     RADIUS,
     SHAPE,
     WIDTH,
+    U,
+    V,
     W,
     profile_half_mm,
 )
@@ -56,6 +59,10 @@ MIN_FREEDOM = 0.3
 
 ADAPTED_SLICES = 2.0
 """To so many slices the fit adapts: its center along them, and the profile."""
+
+OCTANTS = 8
+"""The residuals of a slice are summed by so many directions about the center. Few sums tell a covariance badly (A.
+Cameron and D. Miller, Journal of Human Resources 50:317, 2015): where few slices show a ball, one each is too few."""
 
 PROFILE_SAMPLES = 129
 """A slice's profile is correlated with itself at so many places."""
@@ -152,9 +159,9 @@ def near_faces_mm2(fit: BallFit) -> FloatArray:
 def sources(fit: BallFit, moved: Movement) -> dict[str, FloatArray]:
     """What may move the center, by the names of `WEIGHTS`: covariances (3, 3) along u, v, w, in mm^2 or without a unit.
 
-    ``slices``: what each slice's residuals do to it; ``odd``: what bends its outline oddly; ``pole``: a profile whose
-    shape the few slices of a small ball do not tell, by the depth of the ball's pole in a slice; ``least``: what stays
-    in any scan.
+    ``slices``: what the residuals of each slice's octants do to it; ``odd``: what bends its outline oddly; ``pole``: a
+    profile whose shape the few slices of a small ball do not tell, by the depth of the ball's pole in a slice;
+    ``least``: what stays in any scan.
     """
     depth_mm = float(fit.theta[WIDTH]) ** 2 / float(fit.theta[RADIUS])
     return {
@@ -221,22 +228,28 @@ def noise_level(fit: BallFit) -> float:
 
 
 def by_slices(fit: BallFit) -> FloatArray:
-    """Covariance (3, 3) along u, v, w from what each slice's residuals do to the center.
-
-    Slices of one tissue are not independent.
-    """
+    """Covariance (3, 3) along u, v, w from what the residuals of each slice's octants do to the center."""
     kept = np.flatnonzero(fit.used)
-    first = first_of_each(fit.neighbourhood.slices[kept])
+    first, offsets_mm = first_of_each(fit.neighbourhood.slices[kept]), fit.neighbourhood.offsets_mm[kept]
     told = fit.influence_mm_per_hu.take(kept, axis=0) * fit.residuals_hu.take(kept)[:, np.newaxis]
-    sums = np.add.reduceat(told, first, axis=0)
-    places_mm = fit.neighbourhood.offsets_mm[kept[first], W]
+    layers = np.repeat(np.arange(len(first)), np.diff(first, append=len(kept)))
+    sums = np.zeros((OCTANTS, len(first), 3))
+    np.add.at(sums, (octants(offsets_mm - fit.theta[CENTER]), layers), told)
+    places_mm = offsets_mm[first, W]
     shared = shared_noise(
         np.abs(places_mm[:, np.newaxis] - places_mm), float(fit.theta[WIDTH]), float(fit.theta[SHAPE])
     )
     apart = len(first) / float(shared.sum(axis=1).max(initial=1.0))
     freedom = apart / max(apart - ADAPTED_SLICES, 0.5)  # a few slices are fitted more closely than they are true
-    covariance: FloatArray = freedom * sums.T @ shared @ sums
+    covariance: FloatArray = freedom * (np.swapaxes(sums, 1, 2) @ shared @ sums).sum(axis=0)
     return covariance
+
+
+def octants(offsets_mm: FloatArray) -> NDArray[np.intp]:
+    """In which octant of its slice each offset (N, 3) along u, v, w from the center lies (N,)."""
+    turns = np.arctan2(offsets_mm[:, V], offsets_mm[:, U]) / (2.0 * np.pi)
+    octant: NDArray[np.intp] = np.floor(OCTANTS * turns).astype(np.intp) % OCTANTS
+    return octant
 
 
 def shared_noise(distances_mm: FloatArray, width_mm: float, shape: float) -> FloatArray:

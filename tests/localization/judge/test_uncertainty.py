@@ -133,6 +133,19 @@ def test_noise_that_is_correlated_within_the_slice_counts_for_what_it_is(quiet: 
     assert 0.6 < np.sqrt(np.mean((scatter / stated) ** 2)) < 1.4
 
 
+def test_two_or_three_slices_of_a_small_ball_state_its_noise_as_many_would() -> None:
+    place_mm, diameter_mm = np.array([1.0, 2.0, 3.0]), 5.0
+    ball = scan(balls([(1.0, 2.0, 3.0)], diameter_mm), small_stack(thickness_mm=2.5, spacing_mm=2.5), noise_hu=0.0)
+    still_mm = fit_place(Scan(ball), place_mm, diameter_mm).center_mm
+    squares = []
+    for seed in range(24):
+        fit = fit_place(Scan(with_white_noise(ball, 25.0, seed)), place_mm, diameter_mm)
+        error_mm = fit.center_mm - still_mm
+        stated_mm2 = center_covariance(fit, movement(Edge(fit)))
+        squares.append(error_mm @ np.linalg.solve(stated_mm2, error_mm))
+    assert np.mean(np.array(squares) > CHI2_95) < 0.2  # 0.46 while each slice was summed as a whole
+
+
 @pytest.mark.parametrize("across_slices", [(1, 1, 1), (1, -2, 1)], ids=["shared", "alternating"])
 def test_noise_of_overlapping_slices_counts_for_what_it_is(across_slices: tuple[int, ...]) -> None:
     ball = scan(balls([(1.0, 2.0, 3.0)]), small_stack(thickness_mm=1.5, spacing_mm=0.5), noise_hu=0.0)
