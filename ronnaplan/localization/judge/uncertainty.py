@@ -233,8 +233,9 @@ def by_slices(fit: BallFit) -> FloatArray:
     first, offsets_mm = first_of_each(fit.neighbourhood.slices[kept]), fit.neighbourhood.offsets_mm[kept]
     told = fit.influence_mm_per_hu.take(kept, axis=0) * fit.residuals_hu.take(kept)[:, np.newaxis]
     layers = np.repeat(np.arange(len(first)), np.diff(first, append=len(kept)))
-    sums = np.zeros((OCTANTS, len(first), 3))
-    np.add.at(sums, (octants(offsets_mm - fit.theta[CENTER]), layers), told)
+    places = octants(offsets_mm - fit.theta[CENTER]) * len(first) + layers
+    sums = np.stack([np.bincount(places, along, OCTANTS * len(first)) for along in told.T], axis=-1)
+    sums = sums.reshape(OCTANTS, len(first), 3)
     places_mm = offsets_mm[first, W]
     shared = shared_noise(
         np.abs(places_mm[:, np.newaxis] - places_mm), float(fit.theta[WIDTH]), float(fit.theta[SHAPE])
@@ -247,8 +248,8 @@ def by_slices(fit: BallFit) -> FloatArray:
 
 def octants(offsets_mm: FloatArray) -> NDArray[np.intp]:
     """In which octant of its slice each offset (N, 3) along u, v, w from the center lies (N,)."""
-    turns = np.arctan2(offsets_mm[:, V], offsets_mm[:, U]) / (2.0 * np.pi)
-    octant: NDArray[np.intp] = np.floor(OCTANTS * turns).astype(np.intp) % OCTANTS
+    u_mm, v_mm = offsets_mm[:, U], offsets_mm[:, V]
+    octant: NDArray[np.intp] = 4 * (u_mm < 0.0) + 2 * (v_mm < 0.0) + (np.abs(u_mm) < np.abs(v_mm))
     return octant
 
 
