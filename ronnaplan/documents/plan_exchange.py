@@ -115,7 +115,7 @@ def contacts_table(plan: Plan) -> str:
     Raises `InputError` where no trajectory has an electrode.
     """
     if all(one.electrode is None for one in plan.trajectories):
-        raise InputError("no trajectory of the plan has an electrode; choose one with 'plan edit --electrode'")
+        raise InputError("no trajectory of the plan has an electrode; choose one, as by 'plan edit --electrode'")
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(CONTACTS_HEADER)

@@ -24,6 +24,7 @@ ADDRESS_FILE = ".planner-address.json"
 """Lies in the folder of a case, and in that of a start page."""
 
 TOKEN_BYTES = 24
+ANYBODY_WRITES = stat.S_IWUSR | stat.S_IWGRP | stat.S_IWOTH
 GREATEST_PORT = 65_535
 
 
@@ -63,10 +64,15 @@ def address_for(file: Path, host: str, port: int = 0) -> Address:
 
 
 def keep(file: Path, address: Address) -> None:
-    """Write a lasting address so that only this user can read it; where that cannot be, it is not kept."""
+    """Write a lasting address so that only this user can read it; where that cannot be, it is not kept.
+
+    A folder that nobody is to write into is left alone, by root too, whom no mode holds up.
+    """
     if not address.lasting:
         return
     with contextlib.suppress(OSError):
+        if not file.parent.stat().st_mode & ANYBODY_WRITES:
+            return
         file.unlink(missing_ok=True)
         with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as stream:
             stream.write(to_json(_Kept(port=address.port, token=address.token)))

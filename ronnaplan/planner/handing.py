@@ -36,7 +36,7 @@ MADE: Final = {
 EXPORTED: Final = {
     f"{Path(document).stem}{ending}": (document, (*verb, "{case}/" + document, "--to", to))
     for document, verb, formats in (
-        (PLAN, ("plan", "export"), {"markups": ".mrk.json", "csv": ".csv"}),
+        (PLAN, ("plan", "export"), {"markups": ".mrk.json", "csv": ".csv", "contacts": ".contacts.csv"}),
         (FIDUCIALS, ("export",), {"markups": ".mrk.json", "csv": ".csv", "dicom": ".dcm"}),
         (REGISTRATION, ("export",), {"itk": ".tfm", "markups": ".mrk.json", "csv": ".csv", "dicom": ".dcm"}),
     )

@@ -29,9 +29,10 @@ class Proposed:
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """Places proposed for markers, for the trajectories that had these ``ends_mm``."""
+    """Places proposed for markers by these ``rules``, for the trajectories that had these ``ends_mm``."""
 
     ends_mm: tuple[tuple[float, ...], ...]
+    rules: PlacementRules
     placement: Placement
 
 
@@ -85,13 +86,15 @@ class Offers:
         self.case.edit(self.look.selected, entry_mm=found.best[index].trajectory.entry_mm)
 
     def propose_markers(self, count: int) -> None:
-        """Propose places for ``count`` markers that make the expected error least, until a trajectory changes."""
-        ends, plan, known = self._ends_mm, self.case.plan, self.case.fiducials
-        rules = PlacementRules(diameter_mm=known.marker.diameter_mm) if known else PlacementRules()
+        """Propose places for ``count`` markers that make the expected error least.
+
+        They hold until a trajectory changes, or the markers' diameter.
+        """
+        ends, plan, rules = self._ends_mm, self.case.plan, self._rules
         work = partial(self.case.surroundings.place_markers, plan, count, rules)
 
         def show(placement: Placement) -> None:
-            self.offered.placed = Placed(ends, placement)
+            self.offered.placed = Placed(ends, rules, placement)
 
         self.start(Job(f"finding places for {count} markers", work, show, tells=True))
 
@@ -99,7 +102,13 @@ class Offers:
     def placement(self) -> Placement | None:
         """Proposed places for markers, None where there are none or they no longer hold."""
         placed = self.offered.placed
-        return placed.placement if placed is not None and placed.ends_mm == self._ends_mm else None
+        holds = placed is not None and (placed.ends_mm, placed.rules) == (self._ends_mm, self._rules)
+        return placed.placement if placed is not None and holds else None
+
+    @property
+    def _rules(self) -> PlacementRules:
+        known = self.case.fiducials
+        return PlacementRules(diameter_mm=known.marker.diameter_mm) if known else PlacementRules()
 
     @property
     def _ends_mm(self) -> tuple[tuple[float, ...], ...]:

@@ -29,7 +29,7 @@ class Registering:
         self._touch: str | None = None
         self._paired: tuple[FiducialEntry, ...] = ()
         """The markers that both name."""
-        self.pointed_marker: str | None = None
+        self._pointed: FiducialEntry | None = None
         self.pointed_reading: str | None = None
 
     def load_readings(self, name: str) -> None:
@@ -83,10 +83,16 @@ class Registering:
         asked = found is not None and found.status == "ambiguous" and not self.case.outdated
         return asked and self.readings_mm is not None
 
+    @property
+    def pointed_marker(self) -> str | None:
+        """The marker that was pointed at, until it has another label: another one may have its label then."""
+        found = self.case.fiducials
+        return self._pointed.label if self._pointed and found and self._pointed in found.fiducials else None
+
     def pick_marker(self, label: str) -> None:
         """Point at a marker, if the pairing is ambiguous."""
         if self.pointing:
-            self.pointed_marker = label
+            self._pointed = marker_edits.named(self.case.found, label)
             self._settle()
 
     def pick_reading(self, label: str) -> None:
@@ -100,7 +106,7 @@ class Registering:
 
     def leave_pointing(self) -> None:
         """Forget what was pointed at so far."""
-        self.pointed_marker = self.pointed_reading = None
+        self._pointed = self.pointed_reading = None
 
     def expected_errors_mm(self) -> dict[str, float]:
         """Return the expected error (RMS) of the registration at every end of every trajectory."""

@@ -56,6 +56,18 @@ def test_a_file_that_another_user_may_have_made_is_not_believed(
     assert found.port == 0
 
 
+@pytest.mark.skipif(os.name != "posix", reason="the system has no such modes")
+def test_a_folder_that_nobody_may_write_into_keeps_no_address_of_roots_either(
+    tmp_path: Path, free_port: int
+) -> None:
+    tmp_path.chmod(0o555)
+    try:
+        keep(tmp_path / "address.json", Address.new(free_port))
+        assert not list(tmp_path.iterdir())
+    finally:
+        tmp_path.chmod(0o755)
+
+
 def test_a_second_planner_of_a_case_leaves_the_first_its_address(tmp_path: Path) -> None:
     file = tmp_path / "address.json"
     with socket.create_server((HOST, 0)) as taken:

@@ -15,12 +15,13 @@ from aiohttp.test_utils import TestClient, TestServer
 
 from ronnaplan.cli import main
 from ronnaplan.documents.export import export
-from ronnaplan.documents.plan import read_plan
-from ronnaplan.documents.plan_exchange import line_markups
+from ronnaplan.documents.plan import change_plan, read_plan
+from ronnaplan.documents.plan_exchange import contacts_table, line_markups
 from ronnaplan.planner import handing
 from ronnaplan.planner.handing import Handing, Origin
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
+from ronnaplan.planning.electrodes import electrode_named
 from tests import cases
 from tests.loops import run
 
@@ -146,6 +147,7 @@ def test_what_other_programs_take_is_what_the_command_line_writes_of_each_docume
     """Every file that is offered is made, by the verb's own run, and none of a document that there is not."""
     cases.write_case(tmp_path)
     storage = Storage.of(str(tmp_path / "plan.json"), None, None)
+    change_plan(storage.plan, lambda plan: plan.edit("left", electrode=electrode_named("Medtronic 3387")))
     written: dict[str, bytes] = {}
 
     async def run_here(*options: str) -> None:
@@ -165,7 +167,8 @@ def test_what_other_programs_take_is_what_the_command_line_writes_of_each_docume
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(handing, "_run", run_here)
         run(asked())
-    assert len(written) == 9
+    assert len(written) == 10
     assert written["fiducials.csv"].decode() == export(storage.fiducials, "csv")
     assert written["plan.mrk.json"].decode() == line_markups(read_plan(storage.plan))
+    assert written["plan.contacts.csv"].decode() == contacts_table(read_plan(storage.plan))
     assert written["registration.dcm"][128:132] == b"DICM"

@@ -71,6 +71,13 @@ def test_marker_places_hold_for_the_trajectories_they_were_asked_for(state: Plan
     assert placement_line(state).endswith(placed.doubt)
     state.case.edit("left", target_mm=T + np.array([0, 0, 1]))
     assert placement_line(state) == ""
+    state.case.undo()
+    assert placement_line(state)
+    found = state.case.found
+    state.case.replace_markers(
+        found.model_copy(update={"marker": found.marker.model_copy(update={"diameter_mm": 20.0})})
+    )
+    assert placement_line(state) == ""  # larger balls need more room
 
 
 def test_as_many_marker_places_as_the_page_offers_at_first_are_proposed(state: PlannerState) -> None:

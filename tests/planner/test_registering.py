@@ -187,6 +187,16 @@ def test_what_was_pointed_at_is_forgotten_when_markers_change(ambiguous: Planner
     assert pointing_panel(ambiguous)["known"] == ""
 
 
+def test_a_marker_that_was_clicked_is_no_other_one_that_has_its_label_since(ambiguous: PlannerState) -> None:
+    ambiguous.pick_marker("F1")
+    ambiguous.case.rename_marker("F1", "nose")
+    ambiguous.case.rename_marker("F2", "F1")
+    assert ambiguous.registering.pointing
+    ambiguous.registering.pick_reading("a")
+    assert not pairs(ambiguous)
+    assert pointing_panel(ambiguous)["marker"] == ""
+
+
 def test_pointing_is_forgotten_when_it_is_left_or_readings_are_loaded(ambiguous: PlannerState) -> None:
     ambiguous.pick_marker("F1")
     ambiguous.registering.leave_pointing()
