@@ -102,7 +102,8 @@ def _distances(measured: Measures, limits: Limits) -> Iterator[Verdict]:
     for other in measured.spacings:
         passes = other.clearance_mm >= least_apart and other.clearance_mm > 0
         remark = f"at depth {other.depth_mm:.1f} mm"
-        yield Verdict(name, f"distance to {other.other}", other.clearance_mm, "mm", least_apart, passes, remark)
+        what = f"distance to {measured.called(other)}"
+        yield Verdict(name, what, other.clearance_mm, "mm", least_apart, passes, remark)
 
 
 def _kept(name: str, what: str, one: Clearance, limits: Limits, remark: str) -> Verdict:

@@ -20,7 +20,7 @@ from ronnaplan.planning.sides import side_doubt
 from ronnaplan.planning.surface import Surface
 from ronnaplan.planning.trajectory import Trajectory
 from ronnaplan.planning.uncertainty import Expectation, PathError, path_error
-from ronnaplan.text import place
+from ronnaplan.text import as_read, place
 
 ENTRY_TOLERANCE_MM = 5.0
 """An entry point may lie this far outside the scalp (a click on a surface view); further out it is in air."""
@@ -112,6 +112,11 @@ class Measures:
         ]
         ends = (entry_doubt(self.trajectory, self.crossings), self.side_doubt)
         return (*(one for one in ends if one is not None), *unclear, *self._contact_doubts())
+
+    def called(self, beside: Spacing) -> str:
+        """Return what another trajectory is called among all that is kept away from: a marker may have its name."""
+        taken = {as_read(one.name) for one in self.clearances}
+        return f"trajectory {beside.other}" if as_read(beside.other) in taken else beside.other
 
     def _contact_doubts(self) -> Iterator[str]:
         electrode, instrument = self.trajectory.electrode, self.trajectory.instrument

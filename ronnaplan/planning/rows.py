@@ -84,7 +84,7 @@ def distance_rows(one: Measures) -> Rows:
         for near in one.clearances
     ]
     return rows + [
-        (f"distance to {near.other}", f"{near.clearance_mm:.2f} mm at depth {near.depth_mm:.1f} mm")
+        (f"distance to {one.called(near)}", f"{near.clearance_mm:.2f} mm at depth {near.depth_mm:.1f} mm")
         for near in one.spacings
     ]
 

@@ -292,6 +292,44 @@ def test_a_distance_is_measured_by_two_clicks(page: Any) -> None:
     page.wait_for_selector("#rulers", state="detached")
 
 
+SHOWN_ONE_AFTER_THE_OTHER = """async ([name, part, lists]) => {
+  const { state } = window.trame, before = state.get(name);
+  const painted = () => new Promise((done) => setTimeout(done, 100));
+  for (const rows of lists) {
+    state.set(name, { ...before, [part]: rows });
+    await painted();
+  }
+  const text = (place) => [...document.querySelectorAll(place)].map((one) => one.textContent.trim());
+  const shown = { rows: text("#kept td:nth-child(2)"), points: text("svg[data-view=axial] .rp-point") };
+  state.set(name, before);
+  await painted();
+  return shown;
+}"""
+
+
+def test_of_things_that_are_called_alike_none_stays_when_it_is_gone(page: Any) -> None:
+    """A trajectory may have a marker's name, and a tool that of a point: their rows and places are told by number."""
+    page.click(".rp-tab >> text=Trajectories")
+    page.wait_for_selector("#kept", state="attached")
+    limits = [
+        [(name, value, "pass") for name, value in one] for one in (("a1", "b2", "b3", "c4"), ("b5", "c6", "b7"))
+    ]
+    assert page.evaluate(SHOWN_ONE_AFTER_THE_OTHER, ["chosen", "verdicts", limits])["rows"] == ["5", "6", "7"]
+    written = {"x": 0, "y": 0, "anchor": "start"}
+    points = [
+        [
+            {"x": 0, "y": 0, "colour": "#ffffff", "label": name, "written": {**written, "text": name + value}}
+            for name, value in one
+        ]
+        for one in (("a1", "b2", "b3", "c4"), ("b5", "c6", "b7"))
+    ]
+    assert page.evaluate(SHOWN_ONE_AFTER_THE_OTHER, ["drawn_axial", "points", points])["points"] == [
+        "b5",
+        "c6",
+        "b7",
+    ]
+
+
 def test_the_tools_take_one_line_and_no_view_moves_while_points_are_clicked(page: Any) -> None:
     """What is asked for is longer than the button's name; views that moved by it would be clicked elsewhere."""
     bar = page.locator(".rp-bar")

@@ -11,7 +11,9 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import Frame
 from ronnaplan.planning import Instrument, Limits, Measures, Trajectory, judge, measure
 from ronnaplan.planning.limits import Verdict, is_near
+from ronnaplan.planning.measures import Spacing
 from ronnaplan.planning.obstacles import Clearance, Kind
+from ronnaplan.planning.rows import distance_rows
 from ronnaplan.planning.uncertainty import Basis, ExpectedPose, path_error
 from tests.planning.heads import SCALP, scanned
 
@@ -56,6 +58,15 @@ def test_nothing_may_be_met_even_without_a_limit(measured: Measures) -> None:
     clear = Clearance(Kind.NO_GO, "vessel", 3.0, 2.5, 12.0, 2.5)
     assert broken(replace(measured, clearances=(clear,)), Limits()) == []
     assert broken(replace(measured, clearances=(clear,)), Limits(least_no_go_distance_mm=2.6)) != []
+
+
+def test_a_trajectory_that_has_the_name_of_a_marker_is_told_from_it(measured: Measures) -> None:
+    """The markers of a template are A, B and so on, as electrodes are."""
+    marker, path = Clearance(Kind.MARKER, "A", 9.0, 8.5, 2.0, 8.5), Spacing("A", 4.0, 3.0, 30.0)
+    beside = replace(measured, clearances=(marker,), spacings=(path, Spacing("B", 7.0, 6.0, 1.0)))
+    told = {one.measure: one.value for one in judge(beside, Limits()) if one.measure.startswith("distance")}
+    assert told == {"distance to A": 8.5, "distance to trajectory A": 3.0, "distance to B": 6.0}
+    assert [what for what, _ in distance_rows(beside)] == list(told)
 
 
 def test_of_a_distance_that_is_not_known_exactly_the_least_is_held_against_the_limit(measured: Measures) -> None:
