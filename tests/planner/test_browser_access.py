@@ -14,6 +14,7 @@ from ronnaplan.planning.electrodes import ELECTRODES
 from tests.planner.browser import (
     PATIENCE_MS,
     Planner,
+    at_rest,
     eventually,
     needs_browser,
     opened,
@@ -290,6 +291,26 @@ def test_a_distance_is_measured_by_two_clicks(page: Any) -> None:
     )
     page.click("#rulers >> text=remove")
     page.wait_for_selector("#rulers", state="detached")
+
+
+DARK = 40
+"""A grey that light letters are read on: the contrast is 10 or more."""
+
+WHITE = """view => {
+  const picture = document.querySelector(`canvas[data-picture=${view}]`);
+  picture.parentElement.style.background = picture.style.visibility ? "" : "#fff";
+  picture.style.visibility = picture.style.visibility ? "" : "hidden";
+}"""
+"""Have a view show nothing but white, or its picture again."""
+
+
+def test_sides_and_scale_are_read_on_white_bone(page: Any) -> None:
+    """Letters as light as bone are told from it by what surrounds them."""
+    page.evaluate(WHITE, "axial")
+    for what in ("edge-0", "edge-1", "scale-bar", "title"):
+        seen = at_rest(page, lambda: page.locator(f".rp-axial .rp-{what}").screenshot())  # noqa: B023
+        assert seen.sum(axis=2).min() < 3 * DARK, what
+    page.evaluate(WHITE, "axial")
 
 
 SHOWN_ONE_AFTER_THE_OTHER = """async ([name, part, lists]) => {
