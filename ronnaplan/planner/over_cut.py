@@ -45,7 +45,7 @@ LEAST_RISE_MM = 1e-6
 TITLES = {
     "inline": "in line with {}",
     "second": "in line with {}, at right angles",
-    "probe": "probe's eye, {:.1f} mm to target, {:.1f} deep",
+    "probe": "probe's eye, {:.1f} mm {} target, {:.1f} deep",
 }
 STANDARD_NAMES = ("axial", "coronal", "sagittal")
 
@@ -110,7 +110,8 @@ def _title(state: PlannerState, view: str, cut: Cut) -> str:
     if view != ACROSS:
         return TITLES[view].format(isolated(path.name))
     left, deep = (path.target_mm - cut.center_mm) @ path.inward, (cut.center_mm - path.entry_mm) @ path.inward
-    return TITLES[view].format(max(0.0, left), max(0.0, deep))  # marks of the cuts beside it count from the target
+    # marks of the cuts beside it count from the target; this cut stays while an end is dragged, which may pass it
+    return TITLES[view].format(abs(left), "to" if round(left, 1) >= 0 else "past", round(deep, 1) + 0.0)
 
 
 def _level(away_mm: float, cut: Cut) -> str:

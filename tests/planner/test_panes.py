@@ -79,6 +79,15 @@ def test_the_probe_s_eye_tells_how_far_the_target_is_as_the_marks_along_the_path
     assert title == f"probe's eye, {told} mm to target, {min(share, 1.0) * path.length_mm:.1f} deep"
 
 
+def test_a_cut_that_a_dragged_end_has_passed_tells_so(state: PlannerState) -> None:
+    """The cuts stay where they were while an end is dragged: this one was at the target."""
+    path = state.case.plan.trajectory("left")
+    state.look.jump(path.target_mm)
+    state.case.drag("left", "target", path.at_depth(path.length_mm - 5.0))
+    title = over_cut(state, "probe", False, Pane())["title"]
+    assert title == f"probe's eye, 5.0 mm past target, {path.length_mm:.1f} deep"
+
+
 def test_a_drag_to_the_right_widens_the_window_and_one_up_raises_it(state: PlannerState) -> None:
     pointer = Pointer(state)
     low, high = state.look.window_hu
