@@ -215,7 +215,7 @@ def place_line(state: PlannerState, place_mm: FloatArray) -> str:
     value = float(state.look.scan.values_hu(place_mm[np.newaxis])[0])
     known = "outside the scan" if np.isnan(value) else f"{value:.0f} HU"
     x, y, z = place_mm
-    return f"{known}   LPS {x:.1f}, {y:.1f}, {z:.1f}   RAS {-x:.1f}, {-y:.1f}, {z:.1f}"
+    return f"{known}   LPS {x:z.1f}, {y:z.1f}, {z:z.1f}   RAS {-x:z.1f}, {-y:z.1f}, {z:z.1f}"
 
 
 def robot_doubts(state: PlannerState) -> list[str]:

@@ -128,6 +128,7 @@ def test_what_is_under_the_pointer_is_told_in_both_systems(state: PlannerState) 
     x, y, z = marker
     assert f"LPS {x:.1f}, {y:.1f}, {z:.1f}   RAS {-x:.1f}, {-y:.1f}, {z:.1f}" in told
     assert 50 < float(told.split(" HU")[0]) < 180  # acrylic
+    assert place_line(state, np.array([0.0, -0.04, 28.0])).endswith("LPS 0.0, 0.0, 28.0   RAS 0.0, 0.0, 28.0")
     assert place_line(state, Pixel(9000.0, 150.0, 500.0, 300.0).place_mm(cut)).startswith("outside the scan")
 
 
