@@ -210,9 +210,9 @@ class PlannerApp:
 
     def refresh(self) -> None:
         """Draw whatever is not as the pages have it; what takes long to measure follows."""
+        self.judging.soon()  # first: what one page measures as it is drawn is to be shown on those before it, too
         for tab in self.tabs.values():
             tab.refresh()
-        self.judging.soon()
 
     def tell_all(self, values: Mapping[str, Any]) -> None:
         """Show something on every page."""

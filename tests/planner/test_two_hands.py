@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -43,6 +44,30 @@ def test_a_change_of_what_another_hand_changed_is_refused_and_the_page_shows_the
             assert state["chosen"]["notes"] == read_plan(path).trajectory("left").notes == f"theirs {number}"
 
     run(act())
+
+
+def test_a_verdict_that_one_page_finds_as_it_is_drawn_is_shown_on_those_drawn_before(kept: Planner) -> None:
+    """What another hand has changed is measured at once for the page that shows it."""
+    path = kept.folder / "plan.json"
+    change_plan(path, lambda plan: plan.add(replace(plan.trajectory("left"), name="other")))
+
+    def known(state: dict[str, Any]) -> bool:
+        return len(state["paths"]) == 2 and all(row["verdict"][0] for row in state["paths"])
+
+    async def act() -> None:
+        async with Page(kept.url) as first, Page(kept.url) as second:
+            await first.ask("trame.lifecycle.update", "client_connected")
+            await shown(first, lambda state: known(state) and bool(state["things"]))  # which is drawn as it is there
+            await first.trigger("select", "other")
+            await second.trigger("select", "left")
+            change_plan(path, lambda plan: plan.edit("left", target_mm=cases.TARGET_MM + [0.0, 0.0, 1.0]))
+            await shown(second, lambda state: state["chosen"]["target"][2] == 21.0)
+            await shown(first, known)
+
+    try:
+        run(act())
+    finally:
+        change_plan(path, lambda plan: plan.remove("other"))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="another process can be forbidden to write on Linux only")
