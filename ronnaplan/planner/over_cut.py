@@ -109,11 +109,10 @@ def _title(state: PlannerState, view: str, cut: Cut) -> str:
     assert path is not None
     if view != ACROSS:
         return TITLES[view].format(isolated(path.name))
-    left, deep = (path.target_mm - cut.center_mm) @ path.inward, (cut.center_mm - path.entry_mm) @ path.inward
+    left = round(float((path.target_mm - cut.center_mm) @ path.inward), 1)
+    deep = round(float((cut.center_mm - path.entry_mm) @ path.inward), 1)
     # marks of the cuts beside it count from the target; this cut stays while an end is dragged, which may pass it
-    return TITLES[view].format(
-        abs(left), "to" if round(float(left), 1) >= 0 else "past", round(float(deep), 1) + 0.0
-    )
+    return TITLES[view].format(abs(left), "past" if left < 0.0 else "to", deep + 0.0)
 
 
 def _level(away_mm: float, cut: Cut) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from ronnaplan.documents.plan import change_plan, read_plan
@@ -57,10 +58,12 @@ def test_a_verdict_that_one_page_finds_as_it_is_drawn_is_shown_on_those_drawn_be
     async def act() -> None:
         async with Page(kept.url) as first, Page(kept.url) as second:
             await first.ask("trame.lifecycle.update", "client_connected")
-            await shown(first, lambda state: known(state) and bool(state["things"]))  # which is drawn as it is there
+            await shown(
+                first, lambda state: known(state) and bool(state["things"])
+            )  # which is drawn as it is there
             await first.trigger("select", "other")
             await second.trigger("select", "left")
-            change_plan(path, lambda plan: plan.edit("left", target_mm=cases.TARGET_MM + [0.0, 0.0, 1.0]))
+            change_plan(path, lambda plan: plan.edit("left", target_mm=np.add(cases.TARGET_MM, [0.0, 0.0, 1.0])))
             await shown(second, lambda state: state["chosen"]["target"][2] == 21.0)
             await shown(first, known)
 
