@@ -36,7 +36,14 @@ from ronnaplan.tracking.recording import (
     ToolReading,
     quaternion_pose,
 )
-from ronnaplan.tracking.tables import POINT_NAMES, TOOL_NAMES, passed_over, read_rows, require_table
+from ronnaplan.tracking.tables import (
+    POINT_NAMES,
+    SYSTEM_COLUMNS,
+    TOOL_NAMES,
+    passed_over,
+    read_rows,
+    require_table,
+)
 
 QUATERNION_NAMES = ("q0", "qx", "qy", "qz")
 KINDS = ("point", "tool")
@@ -46,11 +53,10 @@ COLUMNS = (
     *("kind", "frame", "time_s", "label", "x", "y", "z", "q0", "qx", "qy", "qz"),
     *("sigma", "error_mm", "status"),
 )
-SYSTEM_COLUMNS = ("coordinate_system", "coordinates")
 KNOWN_COLUMNS = frozenset(
     {
         *("kind", "frame", "time", "x", "y", "z", "sigma", "error"),
-        *(*QUATERNION_NAMES, *TOOL_NAMES, *SYSTEM_COLUMNS, *STATUS_COLUMNS, *TRUTH_COLUMNS),
+        *(*QUATERNION_NAMES, *POINT_NAMES, *SYSTEM_COLUMNS, *STATUS_COLUMNS, *TRUTH_COLUMNS),
     }
 )
 LONGEST_FRAME_NAME = 64
@@ -91,7 +97,7 @@ def read_csv(path: Path) -> Recording:
             reading = replace(reading, status=NO_NUMBER)
         tools.append(reading)
         counts[reading.tool] += 1
-    notes = passed_over(header, rows, KNOWN_COLUMNS)
+    notes = passed_over(header, rows, KNOWN_COLUMNS.union(TOOL_NAMES) if tools else KNOWN_COLUMNS)
     return Recording(str(path), tuple(points), tuple(tools), frame, notes, numbered=numbered)
 
 

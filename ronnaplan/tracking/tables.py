@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ronnaplan.errors import InputError
 from ronnaplan.text import printable
-from ronnaplan.tracking.cells import MISSING, number
+from ronnaplan.tracking.cells import MISSING, STATUS_COLUMNS, number
 from ronnaplan.untrusted import read_whole
 
 DELIMITERS = (",", ";", "\t")
@@ -36,6 +36,9 @@ UNIT = re.compile(r"[\[(]?([munµμcd]?m|in|inch|inches|(milli|micro|centi)?met(
 POINT_NAMES = ("label", "name", "marker", "id")
 TOOL_NAMES = ("label", "name", "marker", "tool", "tool_name", "id")
 """Columns that name what a row tells of; the first one that it fills counts."""
+SYSTEM_COLUMNS = ("coordinate_system", "coordinates")
+OF_WORDS = frozenset({"kind", "frame", *TOOL_NAMES, *SYSTEM_COLUMNS, *STATUS_COLUMNS})
+"""Columns of words, of which none is a unit: a frame may be called M."""
 SAME_COLUMNS = {"qw": "q0", "frame_number": "frame"}
 AXES = (
     *(frozenset(names) for names in (("x", "y", "z"), ("tx", "ty", "tz"), ("l", "p", "s"), ("r", "a", "s"))),
@@ -172,11 +175,8 @@ def require_table(path: Path, header: Sequence[str], rows: Sequence[Sequence[str
 
 def passed_over(header: Sequence[str], rows: Sequence[Sequence[str]], known: Set[str]) -> tuple[str, ...]:
     """Return a sentence that names the columns that hold something and are not ``known``, where there are any."""
-    names = [
-        name
-        for k, name in enumerate(header)
-        if name not in known and not UNIT_WORDS & set(name.split("_")) and any(_held(rows, k))
-    ]
+    read = _of_units(header, rows)
+    names = [name for k, name in enumerate(header) if name not in known and k not in read and any(_held(rows, k))]
     if not names:
         return ()
     shown = ", ".join(printable(name or "one without a name", LONGEST_NAME) for name in names[:MOST_NAMED])
@@ -202,21 +202,25 @@ def _require_mm(path: Path, header: list[str], rows: list[list[str]]) -> None:
 
     It is called ``unit``, ``length_unit`` ..., or, as in other languages, otherwise, and holds nothing but units.
     """
-    called = {k for k, name in enumerate(header) if UNIT_WORDS & set(name.split("_")) and "time" not in name}
-    named = {k for k, name in enumerate(header) if name in TOOL_NAMES}
-    for column in sorted(called | (_of_units(rows, len(header)) - named)):
+    for column in sorted(k for k in _of_units(header, rows) if "time" not in header[k]):
         for place, row in enumerate(rows, start=1):
             stated = row[column].strip() if column < len(row) else ""
             if stated.lower() not in MISSING | MILLIMETRES:
                 raise InputError(
-                    f"{path} row {place} below the header says its unit is '{printable(stated)}'; "
-                    "expected mm, so convert the numbers"
+                    f"{path} row {place} below the header says its unit is '{printable(stated)}' (column "
+                    f"'{printable(header[column], LONGEST_NAME)}'); expected mm, so convert the numbers"
                 )
 
 
-def _of_units(rows: list[list[str]], columns: int) -> set[int]:
-    """Return the columns in which each cell that is not empty is a unit of length."""
-    return {k for k in range(columns) if any(_held(rows, k)) and all(map(UNIT.fullmatch, _held(rows, k)))}
+def _of_units(header: Sequence[str], rows: Sequence[Sequence[str]]) -> set[int]:
+    """Return the columns that are called units, or in which each cell that is not empty is a unit of length."""
+    called = {k for k, name in enumerate(header) if UNIT_WORDS & set(name.split("_"))}
+    others = (k for k, name in enumerate(header) if name not in OF_WORDS and any(_held(rows, k)))
+    return called.union(k for k in others if all(map(_is_unit, _held(rows, k))))
+
+
+def _is_unit(cell: str) -> bool:
+    return cell != "M" and UNIT.fullmatch(cell) is not None  # M stands for marker, male, missing ...
 
 
 def _held(rows: Sequence[Sequence[str]], column: int) -> Iterator[str]:

@@ -111,7 +111,7 @@ def test_a_first_line_that_tells_a_spreadsheet_the_delimiter_is_heard(tmp_path: 
             "but no x, y, z; expected x, y, z in mm, or m00 to m33, and one reading in each row",
         ),
         ("x,y,z,length_unit\n1,2,3,cm\n", "unit is 'cm'"),
-        ("name;x;y;z;Einheit\nA;0,1;0,2;1,3;m\nB;0,2;0,2;1,3;m\n", "row 1 below the header says its unit is 'm'"),
+        ("name;x;y;z;Einheit\nA;0,1;0,2;1,3;m\nB;0,2;0,2;1,3;m\n", r"unit is 'm' \(column 'einheit'\); expected"),
         ("label\tx\ty\tz\nA\t-1,234\t2.5\t3.5\n", "holds the numbers -1,234 and 2.5; expected a comma or a point"),
         ("x,y,z,frame\n1,2,3,1.5\n", "frame number '1.5'"),
         ("x,y,z,coordinate_system\n1,2,3,0\n", "has the frame '0'; expected a name, such as RAS"),
@@ -249,6 +249,8 @@ def test_the_identity_is_no_pose_that_was_measured(tmp_path: Path) -> None:
         ("x,y,z,x1,y1,z1,comment,\n1,2,3,4,5,6,,\n", ("columns that are not read: x1, y1, z1",)),
         (",x,y,z\n0,1,2,3\n", ("columns that are not read: one without a name",)),
         ("name,x,y,z,time,frame,visible,unit,note\nA,1,2,3,0.5,1,1,mm,\n", ()),
+        ("name,x,y,z,Einheit\nA,1,2,3,mm\n", ()),
+        ("tool,x,y,z\nA,1,2,3\n", ("columns that are not read: tool",)),
         (matrix_rows(0, 3).replace("timestamp_ns", "stamp"), ("columns that are not read: stamp",)),
     ],
 )
@@ -257,10 +259,14 @@ def test_columns_that_are_passed_over_are_told(tmp_path: Path, text: str, told: 
     assert read_recording(written(tmp_path, "r.csv", text)).notes == told
 
 
-def test_marker_names_that_are_letters_of_units_are_no_units(tmp_path: Path) -> None:
-    assert [one.label for one in read_recording(written(tmp_path, "r.csv", "name,x,y,z\nM,1,2,3\n")).points] == [
-        "M"
-    ]
+@pytest.mark.parametrize(
+    ("column", "word"), [("name", "M"), ("label", "m"), ("frame", "M"), ("status", "m"), ("type", "M")]
+)
+def test_words_that_are_letters_of_units_are_no_units(tmp_path: Path, column: str, word: str) -> None:
+    """A frame that is called M was taken for a unit."""
+    recording = read_recording(written(tmp_path, "r.csv", f"{column},x,y,z\n{word},1,2,3\n"))
+    assert len(recording.points) == 1
+    assert recording.frame.name == ("M" if column == "frame" else "OTS")
 
 
 @pytest.mark.parametrize("name", ["tool", "Tool Name", "label"])
