@@ -153,10 +153,13 @@ def _owner(header: list[str], poses: list[int], start: int) -> int:
 
 
 def _require_layout(path: Path, layout: _Layout, header: list[str]) -> None:
-    """Raise `InputError` for a rotation or a state that stands elsewhere: a tool would be taken for a marker."""
+    """Raise `InputError` for a rotation or a state that stands elsewhere: a tool would be taken for a marker.
+
+    Angles beside quaternions tell nothing more, where all places are those of tools.
+    """
     used = {column for tx in layout.poses for column in range(tx - 4, tx)}
     lost = [name for column, name in enumerate(header) if name in ROTATION and column not in used]
-    if lost:
+    if lost and not all(_told_by_quaternion(header, tx) for tx in _runs(header, POSITION)):
         raise InputError(
             f"{path} has {', '.join(lost)} of a rotation elsewhere than before a tool's tx; expected q0, qx, qy, qz, "
             "tx, ty, tz in this order"

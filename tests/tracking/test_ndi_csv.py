@@ -68,6 +68,10 @@ def test_decimal_commas_between_commas_are_refused(tmp_path: Path, text: str) ->
         ("Frame,State,Qx,Qy,Qz,Q0,Tx,Ty,Tz\n1,OK,0,0,0.6,0.8,1,2,3\n", "qx, qy, qz, q0 of a rotation elsewhere"),
         ("Frame,State,Tx,Ty,Tz,Q0,Qx,Qy,Qz\n1,OK,1,2,3,0.8,0,0,0.6\n", "q0, qx, qy, qz of a rotation elsewhere"),
         ("Frame,State,Tx,Ty,Tz,Rx,Ry,Rz\n1,OK,1,2,3,10,20,30\n", "rx, ry, rz of a rotation elsewhere"),
+        (
+            "State,Rz,Ry,Rx,Tx,Ty,Tz,Q0,Qx,Qy,Qz\nOK,1,2,3,1,2,3,1,0,0,0\n",
+            "q0, qx, qy, qz of a rotation elsewhere",
+        ),
         ("Frame,State,q1,q2,q3,q4,Tx,Ty,Tz\n1,OK,0.8,0,0,0.6,1,2,3\n", "q4 before a tx; expected State before"),
         ("Tx,Ty,Tz,State\n1,2,3,Missing\n", "nothing before a tx; expected State before"),
     ],
@@ -76,6 +80,12 @@ def test_rotations_and_states_that_stand_elsewhere_are_refused(tmp_path: Path, t
     """A tool was read as a marker, with a part of its rotation for a state, or with none."""
     with pytest.raises(InputError, match=says):
         read_recording(written(tmp_path, "tool.csv", text))
+
+
+def test_angles_behind_a_tool_that_has_its_quaternion_are_no_reason_to_refuse_it(tmp_path: Path) -> None:
+    text = "Frame,State,Q0,Qx,Qy,Qz,Tx,Ty,Tz,Error,Rz,Ry,Rx\n5,OK,0.8,0,0,0.6,1,2,3,0.1,73.7,0,0\n"
+    (tool,) = read_recording(written(tmp_path, "tool.csv", text)).tools
+    assert (tool.frame, tool.usable, tool.error_mm) == (5, True, 0.1)
 
 
 def test_tools_in_rows_are_told_apart_by_their_names(tmp_path: Path) -> None:
