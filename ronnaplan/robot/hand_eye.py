@@ -114,6 +114,8 @@ def calibrate_hand_eye(
         raise InputError(
             f"{len(seen)} tracker and {len(driven)} robot poses were given; expected four or more of each"
         )
+    if frames is not None and len(frames) != len(seen):
+        raise InputError(f"{len(frames)} frames were given for {len(seen)} poses; expected one for each")
     told, _ = first_told(seen)
     repeated = len(seen) - len(told)
     if len(told) < 4:

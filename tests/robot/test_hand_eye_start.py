@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ronnaplan.errors import RefusedError
+from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.robot.hand_eye import calibrate_hand_eye
 from tests.robot.test_orientation import hand_eye_poses, matrix
 
@@ -49,3 +49,9 @@ def test_which_half_of_a_recording_is_wrong_is_not_guessed() -> None:
         wrong[-moved:] = matrix(np.random.default_rng(2), 100) @ seen[-moved:]
         with pytest.raises(RefusedError, match=told):
             calibrate_hand_eye(wrong, driven)
+
+
+def test_frames_that_do_not_number_the_poses_are_refused() -> None:
+    seen, driven, *_ = hand_eye_poses(7, 8, 1e-3, 0.2)
+    with pytest.raises(InputError, match="2 frames were given for 8 poses"):
+        calibrate_hand_eye(seen, driven, frames=[1, 2])
