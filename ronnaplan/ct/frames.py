@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Final
+from typing import Final, Literal
 
 from ronnaplan.bounds import LARGEST_HU
 from ronnaplan.ct import tags
@@ -47,6 +47,8 @@ _PRESENTATION_STATE_PREFIX: Final = "1.2.840.10008.5.1.4.1.1.11."
 PLAIN_SYNTAXES: Final = frozenset({IMPLICIT_LITTLE, EXPLICIT_LITTLE, EXPLICIT_BIG, DEFLATED_LITTLE})
 MOST_FRAMES: Final = 20_000
 """A file of more frames than this (20 m of body at 1 mm) is taken for damage."""
+INTEGER_BYTES: Final = 4
+"""DICOM's integers are of two or four; of a damaged one no more is looked at."""
 _HU_NAMES: Final = frozenset({"", "HU", "US", "HOUNSFIELD", "HOUNSFIELD UNIT", "HOUNSFIELD UNITS"})
 """Rescale types taken for HU. ``US`` (unspecified) is the standard's default for a CT; some spell it out."""
 
@@ -171,7 +173,7 @@ def _image(instance: Instance, pixels: PixelFormat, frame: int, facts: Elements)
         intercept=intercept,
         thickness_mm=number_or_none(facts, tags.SLICE_THICKNESS),
         kernel=text(facts, tags.CONVOLUTION_KERNEL) or text(facts, tags.RECONSTRUCTION_ALGORITHM),
-        acquisition=_acquisition(facts),
+        acquisition=_acquisition(facts, "big" if instance.is_big_endian else "little"),
         image_type=image_type,
         technique=technique,
         tube_voltage_kv=number_or_none(facts, tags.KVP),
@@ -180,13 +182,15 @@ def _image(instance: Instance, pixels: PixelFormat, frame: int, facts: Elements)
     )
 
 
-def _acquisition(facts: Elements) -> str:
+def _acquisition(facts: Elements, order: Literal["big", "little"]) -> str:
     """Return what tells acquisitions apart: their number, and which of several times it was."""
-    frame_numbers = [
-        facts[tag].hex() for tag in (tags.TEMPORAL_POSITION_INDEX, tags.FRAME_ACQUISITION_NUMBER) if tag in facts
-    ]
-    time = text(facts, tags.TEMPORAL_POSITION_IDENTIFIER)
-    return " ".join([text(facts, tags.ACQUISITION_NUMBER), f"time {time}" if time else "", *frame_numbers])
+
+    def counted(tag: int) -> str:
+        return str(int.from_bytes(facts[tag][:INTEGER_BYTES], order)) if facts.get(tag) else ""
+
+    numbers = text(facts, tags.ACQUISITION_NUMBER), counted(tags.FRAME_ACQUISITION_NUMBER)
+    times = text(facts, tags.TEMPORAL_POSITION_IDENTIFIER), counted(tags.TEMPORAL_POSITION_INDEX)
+    return " ".join([*filter(None, numbers), *(f"time {one}" for one in times if one)])
 
 
 _MOMENT: Final = re.compile(r"(\d{8})?(\d\d)(\d\d)(\d\d(?:\.\d{1,6})?)")

@@ -7,12 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydicom.dataset import Dataset
+from pydicom.uid import ExplicitVRBigEndian, ExplicitVRLittleEndian
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.ct import VolumeFlag, find_series, read_ct
 from ronnaplan.ct.stack import stacks_of
 from ronnaplan.errors import InputError
-from tests.ct.makers import Change, compress, dataset, pattern, save, slice_image, write_series
+from tests.ct.makers import Change, compress, dataset, enhanced, pattern, save, slice_image, write_series
 
 POSITIONS = {
     "head first prone": [-1, 0, 0, 0, -1, 0],
@@ -239,6 +240,22 @@ def test_two_acquisitions_of_one_place_are_offered_apart(told_by: str, told: str
     volumes = [read_ct(tmp_path, f"1.2.3.2#{number}") for number in (1, 2)]
     assert {int(volume.voxels_hu[0, 0, 0]) for volume in volumes} == {-1024, -1000}
     assert {volume.source.series_instance_uid for volume in volumes} == {"1.2.3.2"}
+
+
+@pytest.mark.parametrize("syntax", [ExplicitVRLittleEndian, ExplicitVRBigEndian])
+@pytest.mark.parametrize(("told_by", "told"), [("FrameAcquisitionNumber", ""), ("TemporalPositionIndex", "time ")])
+def test_frames_of_one_place_are_offered_by_numbers_that_can_be_read(
+    told_by: str, told: str, syntax: str, tmp_path: Path
+) -> None:
+    """They were told by the bytes of these numbers: acquisition 01000000."""
+
+    def change(groups: Dataset, k: int) -> None:
+        groups.PlanePositionSequence[0].ImagePositionPatient = [0, 0, k % 4]
+        setattr(groups.FrameContentSequence[0], told_by, 1 + k // 4)
+
+    save(enhanced(8, change), tmp_path / "twice", syntax)
+    with pytest.raises(InputError, match=rf"#1 .*, acquisition {told}1\).*#2 .*, acquisition {told}2\)"):
+        read_ct(tmp_path)
 
 
 def test_two_kernels_of_one_place_are_offered_apart(tmp_path: Path) -> None:
