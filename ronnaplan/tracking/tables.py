@@ -21,13 +21,8 @@ MOST_NAMED, LONGEST_NAME = 12, 40
 """Of the columns that are not read, how many are told, and how much of a name."""
 MOST_ROWS = 500_000
 """Seven hours of a tracker's frames at 20 Hz; a file with more rows or bytes would take the memory."""
-LENGTHS = frozenset(
-    {
-        *("x", "y", "z", "tx", "ty", "tz", "m03", "m13", "m23", "m14", "m24", "m34"),
-        *("sigma", "error", "entry", "target", "diameter", "length"),
-    }
-)
-"""Columns that are lengths in mm, by the first word of their name."""
+LENGTHS = frozenset({"sigma", "error", "entry", "target", "diameter", "length"})
+"""Columns that are lengths in mm, by the first word of their name, beside those of places (`AXES`)."""
 UNIT_WORDS = frozenset({"unit", "units"})
 MILLIMETRES = frozenset({"mm", "millimeter", "millimeters", "millimetre", "millimetres"})
 SECONDS = frozenset({"s", "sec", "secs", "second", "seconds"})
@@ -105,12 +100,23 @@ def read_rows(path: Path) -> tuple[list[str], list[list[str]], str]:
             f"{path} has no header; its first line must name the columns, such as label,x,y,z, and each row below hold "
             "one reading"
         )
-    for cell, name in zip(rows[0], header, strict=True):
-        _require_unit(path, cell, name)
+    lengths = _lengths(header)
+    for k, (cell, name) in enumerate(zip(rows[0], header, strict=True)):
+        if k in lengths:
+            _require_unit(path, cell, "mm", MILLIMETRES)
+        elif name.split("_")[0] == "time":
+            _require_unit(path, cell, "s", SECONDS)
     below = _below_units(path, header, rows[1:])
     _require_mm(path, header, below)
-    _require_one_sign(path, header, below, delimiter)
+    _require_one_sign(path, lengths, below, delimiter)
     return header, below, delimiter
+
+
+def _lengths(header: Sequence[str]) -> list[int]:
+    """Return the columns that are lengths in mm, by the first word of their name."""
+    names = [name.split("_")[0] for name in header]
+    lengths = LENGTHS.union(*(axes for axes in AXES if axes <= set(names)))
+    return [k for k, name in enumerate(names) if name in lengths]
 
 
 def _require_delimiter(path: Path, row: list[str], delimiter: str) -> None:
@@ -125,15 +131,12 @@ def _require_delimiter(path: Path, row: list[str], delimiter: str) -> None:
 
 def _below_units(path: Path, header: list[str], rows: list[list[str]]) -> list[list[str]]:
     """Return ``rows`` without a first one that holds the columns' units, as motion capture writes; judges these."""
-    lengths = [
-        (name, cell.strip())
-        for name, cell in zip(header, rows[0] if rows else [], strict=False)
-        if name.split("_")[0] in LENGTHS and cell.strip()
-    ]
-    if not lengths or not all(UNIT.fullmatch(cell) for _, cell in lengths):
+    first = rows[0] if rows else []
+    stated = [(header[k], first[k].strip()) for k in _lengths(header) if k < len(first) and first[k].strip()]
+    if not stated or not all(UNIT.fullmatch(cell) for _, cell in stated):
         return rows
-    for name, cell in lengths:
-        _require_unit(path, f"{name} [{cell.strip('[]()')}]", name)
+    for name, cell in stated:
+        _require_unit(path, f"{name} [{cell.strip('[]()')}]", "mm", MILLIMETRES)
     return rows[1:]
 
 
@@ -184,14 +187,12 @@ def passed_over(header: Sequence[str], rows: Sequence[Sequence[str]], known: Set
     return (f"columns that are not read: {shown}{more}",)
 
 
-def _require_unit(path: Path, cell: str, name: str) -> None:
-    """Raise `InputError` for a length that is not in mm or a time that is not in s."""
-    quantity = name.split("_")[0]
-    expected, names = ("mm", MILLIMETRES) if quantity in LENGTHS else ("s", SECONDS)
+def _require_unit(path: Path, cell: str, expected: str, names: Set[str]) -> None:
+    """Raise `InputError` for a column's name with a unit that is not ``expected``, by any of its ``names``."""
     stated = re.search(r"[\[(](.*?)[\])]", cell) or re.search(
         r"[_ ]([munµμcd]?m|in|inch|inches)$", cell.strip().lower()
     )
-    if (quantity in LENGTHS or quantity == "time") and stated and stated[1].strip().lower() not in names:
+    if stated and stated[1].strip().lower() not in names:
         raise InputError(
             f"{path} has the column '{cell.strip()}'; expected it in {expected}, so convert the numbers and rename it"
         )
@@ -228,11 +229,10 @@ def _held(rows: Sequence[Sequence[str]], column: int) -> Iterator[str]:
     return (cell for row in rows if column < len(row) and (cell := row[column].strip()))
 
 
-def _require_one_sign(path: Path, header: list[str], rows: list[list[str]], delimiter: str) -> None:
+def _require_one_sign(path: Path, lengths: Sequence[int], rows: list[list[str]], delimiter: str) -> None:
     """Raise `InputError` where lengths have points and commas: commas are decimal then, or separate thousands."""
     if delimiter == ",":
         return
-    lengths = [k for k, name in enumerate(header) if name.split("_")[0] in LENGTHS]
 
     def first(sign: str) -> str:
         cells = (cell for k in lengths for cell in _held(rows, k) if sign in cell)

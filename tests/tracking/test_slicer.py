@@ -110,6 +110,20 @@ def test_other_cells_beyond_the_columns_of_an_fcsv_are_refused(tmp_path: Path, e
         read_recording(written(tmp_path, "m.fcsv", text))
 
 
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("label;r;a;s\nF-1;-1,234;2.5;3\n", "numbers -1,234 and 2.5; expected a comma or a point"),
+        ("label,l (m),p (m),s (m)\nF-1,1,2,3\n", r"column 'l \(m\)'; expected it in mm"),
+        ("label,r,a,s\n,m,m,m\nF-1,1,2,3\n", r"column 'r \[m\]'; expected it in mm"),
+    ],
+)
+def test_a_table_of_control_points_is_in_mm_with_one_decimal_sign(tmp_path: Path, text: str, says: str) -> None:
+    """A place 1.2 m away was read as 1.2 mm."""
+    with pytest.raises(InputError, match=says):
+        read_recording(written(tmp_path, "points.csv", text))
+
+
 @pytest.mark.parametrize(("axes", "sign"), [("l,p,s", 1), ("r,a,s", -1)])
 def test_a_table_of_control_points_names_its_coordinates_by_its_columns(
     tmp_path: Path, axes: str, sign: int
