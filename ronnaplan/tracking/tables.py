@@ -101,12 +101,12 @@ def read_rows(path: Path) -> tuple[list[str], list[list[str]], str]:
             "one reading"
         )
     lengths = _lengths(header)
-    for k, (cell, name) in enumerate(zip(rows[0], header, strict=True)):
-        if k in lengths:
-            _require_unit(path, cell, "mm", MILLIMETRES)
-        elif name.split("_")[0] == "time":
-            _require_unit(path, cell, "s", SECONDS)
-    below = _below_units(path, header, rows[1:])
+    for k in lengths:
+        _require_unit(path, rows[0][k], "mm", MILLIMETRES)
+    times = [k for k, name in enumerate(header) if name.split("_")[0] == "time"]
+    for k in times:
+        _require_unit(path, rows[0][k], "s", SECONDS)
+    below = _below_units(path, header, rows[1:], lengths, times)
     _require_mm(path, header, below)
     _require_one_sign(path, lengths, below, delimiter)
     return header, below, delimiter
@@ -129,14 +129,17 @@ def _require_delimiter(path: Path, row: list[str], delimiter: str) -> None:
         )
 
 
-def _below_units(path: Path, header: list[str], rows: list[list[str]]) -> list[list[str]]:
+def _below_units(
+    path: Path, header: list[str], rows: list[list[str]], lengths: Sequence[int], times: Sequence[int]
+) -> list[list[str]]:
     """Return ``rows`` without a first one that holds the columns' units, as motion capture writes; judges these."""
-    first = rows[0] if rows else []
-    stated = [(header[k], first[k].strip()) for k in _lengths(header) if k < len(first) and first[k].strip()]
-    if not stated or not all(UNIT.fullmatch(cell) for _, cell in stated):
+    stated = {k: cell.strip() for k, cell in enumerate(rows[0] if rows else []) if cell.strip()}
+    units = [stated[k] for k in lengths if k in stated]
+    if not units or not all(map(UNIT.fullmatch, units)):
         return rows
-    for name, cell in stated:
-        _require_unit(path, f"{name} [{cell.strip('[]()')}]", "mm", MILLIMETRES)
+    for columns, expected, names in ((lengths, "mm", MILLIMETRES), (times, "s", SECONDS)):
+        for k in stated.keys() & columns:
+            _require_unit(path, f"{header[k]} [{stated[k].strip('[]()')}]", expected, names)
     return rows[1:]
 
 

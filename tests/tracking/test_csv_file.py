@@ -105,6 +105,7 @@ def test_a_first_line_that_tells_a_spreadsheet_the_delimiter_is_heard(tmp_path: 
         ("x,y,z,unit\n1,2,3,mm\n1,2,3,m\n", "row 2 below the header says its unit is 'm'"),
         ("x,y,z,Units\n1,2,3,inch\n", "unit is 'inch'"),
         ("frame,x,y,z\n,m,m,m\n1,0.1,0.2,0.3\n", r"column 'x \[m\]'; expected it in mm"),
+        ("time,x,y,z\nms,mm,mm,mm\n500,1,2,3\n", r"column 'time \[ms\]'; expected it in s"),
         ("x,y,z\n[µm],[µm],[µm]\n1,2,3\n", r"column 'x \[µm\]'; expected it in mm"),
         (
             "frame,m0_x,m0_y,m0_z\n1,2,3,4\n",
