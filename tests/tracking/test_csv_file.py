@@ -261,7 +261,8 @@ def test_columns_that_are_passed_over_are_told(tmp_path: Path, text: str, told: 
 
 
 @pytest.mark.parametrize(
-    ("column", "word"), [("name", "M"), ("label", "m"), ("frame", "M"), ("status", "m"), ("type", "M")]
+    ("column", "word"),
+    [("name", "M"), ("label", "m"), ("frame", "M"), ("status", "m"), ("type", "M"), ("notes", "m")],
 )
 def test_words_that_are_letters_of_units_are_no_units(tmp_path: Path, column: str, word: str) -> None:
     """A frame that is called M was taken for a unit."""
