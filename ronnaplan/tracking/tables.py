@@ -170,7 +170,9 @@ def require_table(path: Path, header: Sequence[str], rows: Sequence[Sequence[str
     """Raise `InputError` unless every cell belongs to one column, found by its name."""
     twice = sorted({name for name in header if name and header.count(name) > 1})
     if twice:
-        raise InputError(f"{path} has more than one column named {', '.join(twice)}; expected each name once")
+        others = {name: f" (or {other})" for other, name in SAME_COLUMNS.items()}
+        told = ", ".join(f"{name}{others.get(name, '')}" for name in twice)
+        raise InputError(f"{path} has more than one column named {told}; expected each name once")
     for place, row in enumerate(rows, start=1):
         if any(cell.strip() for cell in row[len(header) :]):
             raise InputError(

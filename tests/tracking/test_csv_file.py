@@ -112,6 +112,10 @@ def test_a_first_line_that_tells_a_spreadsheet_the_delimiter_is_heard(tmp_path: 
             "but no x, y, z; expected x, y, z in mm, or m00 to m33, and one reading in each row",
         ),
         ("x,y,z,length_unit\n1,2,3,cm\n", "unit is 'cm'"),
+        (
+            "frame,Frame Number,x,y,z\nRAS,1,1,2,3\n",
+            r"more than one column named frame \(or frame_number\); expected",
+        ),
         ("name;x;y;z;Einheit\nA;0,1;0,2;1,3;m\nB;0,2;0,2;1,3;m\n", r"unit is 'm' \(column 'einheit'\); expected"),
         ("label\tx\ty\tz\nA\t-1,234\t2.5\t3.5\n", "holds the numbers -1,234 and 2.5; expected a comma or a point"),
         ("x,y,z,frame\n1,2,3,1.5\n", "frame number '1.5'"),
