@@ -21,7 +21,7 @@ import numpy as np
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.disc import CURVATURE_STEPS, EDGE_REACH, EDGE_STEPS, disc_table
-from ronnaplan.localization.fit.parameters import BLUR, EDGE, RADIUS, SHAPE, WIDTH, U, V, W
+from ronnaplan.localization.fit.parameters import BLUR, EDGE, RADIUS, SHAPE, WIDTH, U, V, W, profile_half_mm
 
 FEW_DISCS, SOME_DISCS = 3, 5
 FEW_SPREAD, SOME_SPREAD = 1.0, 2.5
@@ -58,7 +58,7 @@ def _pole_nodes(count: int) -> tuple[FloatArray, FloatArray]:
 @njit(cache=True)
 def slice_profile(width: float, shape: float) -> tuple[float, float, float]:
     """Half the profile's support (mm), its height in the middle (1/mm), and its mean of log(1 - x^2)."""
-    half = 0.5 * width * math.sqrt((2.0 * shape + 3.0) / 3.0)
+    half = profile_half_mm(width, shape)
     mass = math.lgamma(shape + 1.0) - math.lgamma(shape + 1.5)
     above = math.lgamma(shape + 1.0 + _STEP) - math.lgamma(shape + 1.5 + _STEP)
     below = math.lgamma(shape + 1.0 - _STEP) - math.lgamma(shape + 1.5 - _STEP)

@@ -12,7 +12,7 @@ from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.algebra import solve
 from ronnaplan.localization.fit.ball import Discs, discs
-from ronnaplan.localization.fit.model import BLOCK, add_normal_equations, evaluate
+from ronnaplan.localization.fit.model import BLOCK, add_normal_equations, evaluate, is_beyond_scale
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import (
     BLUR,
@@ -54,7 +54,7 @@ BOUNDS = tuple(_BOUNDED.get(p, (-math.inf, math.inf)) for p in range(CONTRAST + 
 """Those of the first parameters, of which some may end at one."""
 
 PRIOR_NOISE_HU = 10.0
-"""Noise at which the priors above are meant; it only sets their weight against the voxels."""
+"""Noise of a voxel at which the spreads of priors (`guess`, `skin`) are meant: it sets their weight against voxels."""
 
 MAX_STEPS = 40
 """Steps of one descent; a ball needs five to ten, clipped metal up to thirty."""
@@ -93,8 +93,7 @@ FIRST_DAMPING, LEAST_DAMPING = 1e-5, 1e-9
 MAX_WANDER = 0.5
 """A fit that moves by more than this share of the radius has left its candidate, and is not pursued."""
 
-MAX_WIDTH_RATIO = 3.0
-MAX_WIDTH_SHARE = 0.3
+MAX_WIDTH_RATIO, MAX_WIDTH_SHARE = 3.0, 0.3
 """The fitted profile stays within this factor of the nominal thickness and this share of the diameter, which a post
 along the slices' normal needs before it is left out: no ball explains more."""
 
@@ -254,11 +253,24 @@ def residuals_and_jacobian(
     """Data minus model (N,) and the Jacobian (N, P); both zero where clipped data agree with a model beyond."""
     model, jacobian = evaluate(around.offsets_mm, theta, layer_mm, *discs(theta))
     residuals = around.values_hu - model
-    clipped = (around.values_hu >= ceiling_hu) & (model >= ceiling_hu)
-    clipped |= (around.values_hu <= around.floors_hu) & (model <= around.floors_hu)
-    residuals[clipped] = 0.0
-    jacobian[clipped] = 0.0
+    _silence(around.values_hu, around.floors_hu, model, ceiling_hu, residuals, jacobian)
     return residuals, jacobian
+
+
+@njit(cache=True, nogil=True)
+def _silence(
+    values: FloatArray,
+    floors: FloatArray,
+    model: FloatArray,
+    ceiling: float,
+    residuals: FloatArray,
+    jacobian: FloatArray,
+) -> None:
+    """Set ``residuals`` (N,) and rows of the ``jacobian`` (N, P) to zero where the scale has ended."""
+    for n in range(len(values)):
+        if is_beyond_scale(values[n], model[n], floors[n], ceiling):
+            residuals[n] = 0.0
+            jacobian[n] = 0.0
 
 
 def layer_jacobian(around: Neighbourhood, theta: FloatArray, layer_mm: float) -> FloatArray:

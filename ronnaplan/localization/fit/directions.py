@@ -152,25 +152,8 @@ def _survey(
     ceiling_hu: float,
 ) -> tuple[NDArray[np.intp], FloatArray]:
     """Cell (N,) of each voxel within reach, -1 of the others, and the sums over those (8, cells)."""
-    cells, sums = np.full(len(offsets_mm), -1, dtype=np.intp), np.zeros((8, CELL_COUNT))
-    zones, near, count = np.empty(len(offsets_mm), dtype=np.int8), np.empty(len(offsets_mm), dtype=np.intp), 0
-    end = len(theta) - (len(SKIN_PARAMETERS) - 1 if has_skin(theta) else 0)
-    for n in range(len(offsets_mm)):
-        u, v, w = offsets_mm[n, U] - theta[U], offsets_mm[n, V] - theta[V], offsets_mm[n, W] - theta[W]
-        depth, blur = depth_and_blur(u, v, w, theta)
-        if abs(depth) >= REACH_BLURS * blur + REACH_MM:
-            continue
-        cell = direction_cell(u, v, w)
-        cells[n] = cell
-        zones[n] = OUTSIDE if depth > SURFACE_BLURS * blur else SEEN if depth > -SURFACE_BLURS * blur else INSIDE
-        if zones[n] == OUTSIDE:
-            sums[OUTSIDE, cell] += 1.0
-            sums[UNEXPLAINED, cell] += values_hu[n]
-            if end == len(PARAMETERS):  # the model explains nothing outside
-                continue
-        near[count] = n
-        count += 1
-    near = near[:count]
+    sums, end = np.zeros((8, CELL_COUNT)), len(theta) - (len(SKIN_PARAMETERS) - 1 if has_skin(theta) else 0)
+    cells, zones, near = _within_reach(offsets_mm, values_hu, theta, end, sums)
     for first in range(0, len(near), BLOCK):
         some = near[first : first + BLOCK]
         model, jacobian = evaluate(offsets_mm[some], theta, layer_mm, *looked_up)
@@ -190,6 +173,34 @@ def _survey(
                 sums[INSIDE, cell] += 1.0
                 sums[WITHIN, cell] += residual
     return cells, sums
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _within_reach(
+    offsets_mm: FloatArray, values_hu: FloatArray, theta: FloatArray, end: int, sums: FloatArray
+) -> tuple[NDArray[np.intp], NDArray[np.int8], NDArray[np.intp]]:
+    """Cell (N,) of each voxel, -1 of those beyond reach, its zone (N,), and which (M,) the model is to be asked about.
+
+    ``sums`` (8, cells) are begun with what lies outside, which parameters from `PARAMETERS` to ``end`` explain.
+    """
+    cells, zones = np.full(len(offsets_mm), -1, dtype=np.intp), np.empty(len(offsets_mm), dtype=np.int8)
+    near, count = np.empty(len(offsets_mm), dtype=np.intp), 0
+    for n in range(len(offsets_mm)):
+        u, v, w = offsets_mm[n, U] - theta[U], offsets_mm[n, V] - theta[V], offsets_mm[n, W] - theta[W]
+        depth, blur = depth_and_blur(u, v, w, theta)
+        if abs(depth) >= REACH_BLURS * blur + REACH_MM:
+            continue
+        cell = direction_cell(u, v, w)
+        cells[n] = cell
+        zones[n] = OUTSIDE if depth > SURFACE_BLURS * blur else SEEN if depth > -SURFACE_BLURS * blur else INSIDE
+        if zones[n] == OUTSIDE:
+            sums[OUTSIDE, cell] += 1.0
+            sums[UNEXPLAINED, cell] += values_hu[n]
+            if end == len(PARAMETERS):  # the model explains nothing outside
+                continue
+        near[count] = n
+        count += 1
+    return cells, zones, near[:count]
 
 
 @njit(cache=True, nogil=True)

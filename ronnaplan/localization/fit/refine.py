@@ -63,6 +63,12 @@ long tails indeed."""
 CAVITY_ROUNDS, CAVITY_CLOSE_MM = 3, 0.001
 """A hollow ball is fitted anew so many times at most, until its cavity is told to lie, so nearly, where it was put."""
 
+BESIDE_MM = 1.0
+"""What lies farther out than a ball's blur is seen, by more than this, is no part of its fit."""
+
+LEAST_VOXELS = 3
+"""Voxels a parameter, with fewer of which nothing is fitted."""
+
 MAX_ROUNDS = 8
 """Rounds of leaving directions out and fitting again; real markers settle in two to four."""
 
@@ -163,7 +169,7 @@ def _is_nearer(one: BallFit, other: BallFit, around: Neighbourhood) -> bool:
 def _near(around: Neighbourhood, theta: FloatArray) -> NDArray[np.bool_]:
     """Which voxels (N,) are of a ball's edge, or beside it."""
     is_near: NDArray[np.bool_] = (
-        np.abs(edge_depth(around.offsets_mm, theta)[0]) < margin_mm(theta[WIDTH], theta[BLUR]) + 1.0
+        np.abs(edge_depth(around.offsets_mm, theta)[0]) < margin_mm(theta[WIDTH], theta[BLUR]) + BESIDE_MM
     )
     return is_near
 
@@ -196,7 +202,7 @@ def _settle(
         if number > 0:
             verdict, used = judge_around(around, theta, prior.layer_mm, ceiling_hu)
         is_no_ball = number > 0 and verdict.round_share < HOPELESS_ROUND
-        if is_no_ball or _is_hopeless(theta, verdict, prior) or used.sum() < 3 * len(theta):
+        if is_no_ball or _is_hopeless(theta, verdict, prior) or used.sum() < LEAST_VOXELS * len(theta):
             converged = False
         if not converged or np.array_equal(verdict.state, previous):
             break

@@ -44,6 +44,9 @@ SKIN_LEVEL = 0.35
 SKIN_QUANTILE = 0.8
 """The skin's level is read off the brighter of the neighbouring directions."""
 
+AIR_QUANTILE = 0.05
+"""Where a ball lies on skin, the background is what this share of the voxels about it do not exceed."""
+
 MIN_SKIN_HU = 250.0
 """What a ball lies on is brighter than its background by this at least: skin was fitted with 290 HU and more beside
 metal's streaks and 700 and more elsewhere, the haze to one side of a ball in cone beams and helices as skin of -130 to
@@ -109,7 +112,7 @@ def with_skin(
     added = Prior.of(skin, spread, prior.layer_mm)
     if has_streaks(theta):
         added.weight[1:] = (METAL_SKIN_HOLD * theta[CONTRAST] * theta[RADIUS]) ** 2
-    lowest = float(np.quantile(around.values_hu, 0.05))
+    lowest = float(np.quantile(around.values_hu, AIR_QUANTILE))
     start = np.concatenate([theta[:BACKGROUND], [lowest, 0.0, 0.0, 0.0], theta[len(PARAMETERS) :], skin])
     return start, prior.extended(added)
 
