@@ -32,11 +32,13 @@ _PLANE: Final[dict[str, Callable[[SliceImage, SliceImage], bool]]] = {
 }
 """What images of one stack share, by what it is called where they do not."""
 
+TUBE_VOLTAGES: Final = "tube voltages"
+
 PASSES: Final[dict[str, Callable[[SliceImage], str]]] = {
     "acquisitions": lambda image: image.acquisition,
     "kernels": lambda image: image.kernel,
     "image types": lambda image: "\\".join(image.image_type),
-    "tube voltages": lambda image: "" if image.tube_voltage_kv is None else f"{image.tube_voltage_kv:.0f} kV",
+    TUBE_VOLTAGES: lambda image: "" if image.tube_voltage_kv is None else f"{image.tube_voltage_kv:.0f} kV",
 }
 """What images of one place are divided by, in this order, by what it is called."""
 

@@ -29,7 +29,7 @@ PIXEL_SIZE_RANGE_MM: Final = (1e-3, 100.0)
 """Pixel spacings outside are a damaged header or another unit."""
 
 FARTHEST_MM: Final = 1e5
-"""Positions beyond 100 m from the origin are a damaged header."""
+"""Positions farther from the origin are a damaged header."""
 
 PERPENDICULAR_TOLERANCE: Final = 2e-4
 """Largest departure of written directions from perpendicular unit vectors (cosines rounded to 4 decimals)."""
@@ -49,7 +49,7 @@ def require_grid(affine: FloatArray) -> None:
     if not all(low <= length <= high for length in lengths):
         raise InputError(f"its voxels measure {lengths} mm, expected {low} to {high} mm each way")
     if not float(np.abs(origin).max()) <= FARTHEST_MM:
-        raise InputError("it lies more than 100 m from the origin")
+        raise InputError(f"it lies more than {FARTHEST_MM / 1000.0:g} m from the origin")
     if abs(column_step @ row_step) > PERPENDICULAR_TOLERANCE * lengths[0] * lengths[1]:
         raise InputError("it has rows and columns that are not perpendicular; convert it without shear")
     if abs(float(slice_step @ np.cross(column_step, row_step))) < LEAST_STACKING * np.prod(lengths):

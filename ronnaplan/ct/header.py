@@ -31,7 +31,10 @@ _LONG_FORMS: Final = frozenset(
 _UNDEFINED: Final = 0xFFFFFFFF
 _FIRST_READ_BYTES: Final = 1 << 15
 _PREAMBLE_BYTES: Final = 128
-_SHORTEST_ELEMENT_BYTES: Final = 8
+_META_START: Final = _PREAMBLE_BYTES + len(b"DICM")
+_SHORT_HEAD_BYTES, _LONG_HEAD_BYTES = 8, 12
+"""What stands before an element's value: tag and length, and where its form is one of `_LONG_FORMS` more of it."""
+_ITEM_GROUP: Final = 0xFFFE  # without value representation in any transfer syntax (PS3.5, section 7.5)
 
 
 class _MoreNeededError(Exception):
@@ -84,7 +87,7 @@ def refuse_more(
     Elements ascend and none stands twice (PS3.5, section 7.1). A second set of pixels would leave it to each
     reader which one is the image.
     """
-    if pixel_tag is None or end + _SHORTEST_ELEMENT_BYTES > blob.size:
+    if pixel_tag is None or end + _SHORT_HEAD_BYTES > blob.size:
         return
     scanner = _Scanner(blob.read(end, limits.header_bytes), blob.size - end, limits, big=big)
     try:
@@ -105,12 +108,12 @@ def deflated_part(blob: Blob, limits: Limits) -> bytes:
     """Return what follows the meta information of a deflated file."""
     content = blob.read(0, blob.size)
     scanner = _Scanner(content, blob.size, limits, big=False)
-    return content[scanner.meta(_PREAMBLE_BYTES + 4)[1] :]
+    return content[scanner.meta(_META_START)[1] :]
 
 
 def _parse(buffer: bytes, size: int, limits: Limits) -> Header:
-    if buffer[_PREAMBLE_BYTES : _PREAMBLE_BYTES + 4] == b"DICM":
-        start = _PREAMBLE_BYTES + 4
+    if buffer[_PREAMBLE_BYTES:_META_START] == b"DICM":
+        start = _META_START
     elif _looks_like_bare_dataset(buffer):
         start = 0
     else:
@@ -173,14 +176,14 @@ class _Scanner:
             if tag in tags.VALUES:
                 elements[tag] = self.buffer[value : value + length]
             position = value + length
-        self._require(min(position + 8, self.size))
+        self._require(min(position + _SHORT_HEAD_BYTES, self.size))
         return elements, position
 
     def dataset(self, position: int, end: int, explicit: bool, depth: int) -> tuple[Elements, int]:
         """Read elements from ``position`` to ``end`` or to an item's delimiter; return them and where it ended."""
         elements: Elements = {}
         buffer = self.buffer
-        while position + 8 <= end:
+        while position + _SHORT_HEAD_BYTES <= end:
             tag, form, length, value = self._element(position, explicit)
             if tag == tags.ITEM_DELIMITATION_ITEM:
                 return elements, value
@@ -205,7 +208,7 @@ class _Scanner:
 
     def trailer(self, position: int, last: int, explicit: bool) -> None:
         """Walk what follows the element ``last``, whose value ends at ``position``; zeros may fill up the end."""
-        while position + _SHORTEST_ELEMENT_BYTES <= self.size and self.buffer[position:].strip(b"\0"):
+        while position + _SHORT_HEAD_BYTES <= self.size and self.buffer[position:].strip(b"\0"):
             tag, form, length, value = self._element(position, explicit)
             if tag <= last:
                 raise DamagedError(
@@ -219,26 +222,28 @@ class _Scanner:
 
     def _element(self, position: int, explicit: bool) -> tuple[int, bytes, int, int]:
         """Return tag, value representation, length and where the value starts."""
-        self._require(position + 8)
+        self._require(position + _SHORT_HEAD_BYTES)
         self.seen += 1
         if self.seen > self.limits.header_elements:
             raise DamagedError(f"its header has more than {self.limits.header_elements} elements")
         if not explicit:
             group, element, length = self.plain_form(self.buffer, position)
-            return group << 16 | element, b"", length, position + 8
+            return group << 16 | element, b"", length, position + _SHORT_HEAD_BYTES
         group, element, form, length = self.short_form(self.buffer, position)
-        if group == 0xFFFE:
-            return group << 16 | element, b"", self.long_length(self.buffer, position + 4)[0], position + 8
+        tag = group << 16 | element
+        if group == _ITEM_GROUP:
+            return tag, b"", self.long_length(self.buffer, position + 4)[0], position + _SHORT_HEAD_BYTES
         if form in _LONG_FORMS:
-            self._require(position + 12)
-            return group << 16 | element, form, self.long_length(self.buffer, position + 8)[0], position + 12
+            self._require(position + _LONG_HEAD_BYTES)
+            return tag, form, self.long_length(self.buffer, position + 8)[0], position + _LONG_HEAD_BYTES
         if not (form.isalpha() and form.isupper()):
-            raise DamagedError(f"element {element_name(group << 16 | element)} has no valid value representation")
-        return group << 16 | element, form, length, position + 8
+            raise DamagedError(f"element {element_name(tag)} has no valid value representation")
+        return tag, form, length, position + _SHORT_HEAD_BYTES
 
     def _undefined(
         self, tag: int, form: bytes, value: int, end: int, explicit: bool, depth: int
     ) -> tuple[list[Elements], int]:
+        """Read an element of undefined length from its ``value`` on; return its items and where it ends."""
         if form in (b"OB", b"OW"):
             return [], self._skip_fragments(value)
         if form not in (b"SQ", b"UN", b""):
@@ -246,10 +251,11 @@ class _Scanner:
         return self._items(value, end, explicit and form != b"UN", depth + 1)
 
     def _items(self, position: int, end: int, explicit: bool, depth: int) -> tuple[list[Elements], int]:
+        """Read a sequence's items to ``end`` or to its delimiter; return them and where it ended."""
         if depth > self.limits.sequence_depth:
             raise DamagedError(f"its sequences nest deeper than {self.limits.sequence_depth}")
         items: list[Elements] = []
-        while position + 8 <= end:
+        while position + _SHORT_HEAD_BYTES <= end:
             tag, _, length, value = self._element(position, explicit=False)
             if tag == tags.SEQUENCE_DELIMITATION_ITEM:
                 return items, value

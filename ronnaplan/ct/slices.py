@@ -180,14 +180,15 @@ def instance_from_header(blob: Blob, header: Header) -> Instance:
     )
 
 
-_REPRESENTATION: Final = "pixel representation"
+_REPRESENTATION, _SAMPLES = "pixel representation", "samples per pixel"
 _PIXEL_NUMBERS: Final = {
     "bits allocated": tags.BITS_ALLOCATED,
     "bits stored": tags.BITS_STORED,
     "high bit": tags.HIGH_BIT,
     _REPRESENTATION: tags.PIXEL_REPRESENTATION,
-    "samples per pixel": tags.SAMPLES_PER_PIXEL,
+    _SAMPLES: tags.SAMPLES_PER_PIXEL,
 }
+"""What the standard requires of integer pixels, by what a message calls it."""
 
 
 def _pixel_format(header: Header) -> PixelFormat | None:
@@ -197,12 +198,9 @@ def _pixel_format(header: Header) -> PixelFormat | None:
     rows, columns = integer(elements, tags.ROWS, big), integer(elements, tags.COLUMNS, big)
     if not rows or not columns:
         return None
-    allocated, stored, high_bit, representation, samples = (
-        integer(elements, tag, big) for tag in _PIXEL_NUMBERS.values()
-    )
+    numbers = {name: integer(elements, tag, big) for name, tag in _PIXEL_NUMBERS.items()}
     photometric = text(elements, tags.PHOTOMETRIC_INTERPRETATION)
-    is_float = header.pixel_tag in FLOAT_BYTES
-    needed = dict(zip(_PIXEL_NUMBERS, (allocated, stored, high_bit, representation, samples), strict=True))
+    is_float, is_signed = header.pixel_tag in FLOAT_BYTES, numbers[_REPRESENTATION] == 1
     return PixelFormat(
         transfer_syntax=header.transfer_syntax,
         is_big_endian=big,
@@ -212,14 +210,14 @@ def _pixel_format(header: Header) -> PixelFormat | None:
         frames=_frame_count(elements),
         rows=rows,
         columns=columns,
-        bits_allocated=allocated or 0,
-        bits_stored=stored or 0,
-        is_signed=representation == 1,
-        padding=_float_padding(header) if is_float else _padding(elements, big, representation == 1),
-        samples=samples or 0,
+        bits_allocated=numbers["bits allocated"] or 0,
+        bits_stored=numbers["bits stored"] or 0,
+        is_signed=is_signed,
+        padding=_float_padding(header) if is_float else _padding(elements, big, is_signed),
+        samples=numbers[_SAMPLES] or 0,
         photometric=photometric,
-        high_bit=high_bit or 0,
-        fault=_fault({"samples per pixel": samples} if is_float else needed, photometric),
+        high_bit=numbers["high bit"] or 0,
+        fault=_fault({_SAMPLES: numbers[_SAMPLES]} if is_float else numbers, photometric),
     )
 
 

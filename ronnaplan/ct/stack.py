@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from ronnaplan.ct.apart import PASSES, share_plane, what_differs
+from ronnaplan.ct.apart import PASSES, TUBE_VOLTAGES, share_plane, what_differs
 from ronnaplan.ct.codecs import tells_loss
 from ronnaplan.ct.copies import SAME_PLACE_TOLERANCE_MM, without_copies
 from ronnaplan.ct.derived import flags_of
@@ -25,9 +25,10 @@ from ronnaplan.ct.grid import (
     SliceGrid,
 )
 from ronnaplan.ct.slices import SliceImage
+from ronnaplan.ct.values import Vector
 from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import FloatArray, unit
 
 MULTIPLE_TOLERANCE: Final = 0.02
 """A gap within 2 % of a whole multiple of the usual gap tells of missing slices."""
@@ -120,7 +121,7 @@ def _stacks_of_plane(images: list[SliceImage]) -> list[Stack]:
         row_step, column_step = _steps(images[0])
         origins = np.array([image.origin_mm for image in images])
         if float(np.abs(origins).max()) > FARTHEST_MM:
-            raise InputError("a slice lies more than 100 m from the origin")
+            raise InputError(f"a slice lies more than {FARTHEST_MM / 1000.0:g} m from the origin")
     except InputError as error:
         return [Stack(tuple(images), problem=str(error))]
     normal = np.cross(column_step, row_step)
@@ -128,7 +129,7 @@ def _stacks_of_plane(images: list[SliceImage]) -> list[Stack]:
     kept, positions, dropped = without_copies(images, origins @ normal)
     keys = dict(PASSES)
     if any(image.tube_voltage_kv is None for image in kept):
-        del keys["tube voltages"]
+        del keys[TUBE_VOLTAGES]
     for key in keys.values():
         parts = _grouped(kept, key)
         if 1 < len(parts) <= MOST_PARTS and _interleave(parts, normal):
@@ -139,17 +140,23 @@ def _stacks_of_plane(images: list[SliceImage]) -> list[Stack]:
 
 def _steps(image: SliceImage) -> tuple[FloatArray, FloatArray]:
     """Return the steps (3,) from row to row and from column to column, in mm."""
-    if max(map(abs, image.orientation)) > 1.0 + PERPENDICULAR_TOLERANCE:
+    if not _are_perpendicular(image.orientation):
         raise InputError("its orientation is not two perpendicular unit vectors")
     along_row, along_column = np.array(image.orientation[:3]), np.array(image.orientation[3:])
-    lengths = np.linalg.norm(along_row), np.linalg.norm(along_column)
-    if max(*(abs(length - 1.0) for length in lengths), abs(along_row @ along_column)) > PERPENDICULAR_TOLERANCE:
-        raise InputError("its orientation is not two perpendicular unit vectors")
     low, high = PIXEL_SIZE_RANGE_MM
     if not all(low <= value <= high for value in image.spacing_mm):
         raise InputError(f"its pixel spacing {list(image.spacing_mm)} is not between {low} and {high} mm")
     row_spacing, column_spacing = image.spacing_mm
-    return along_column / lengths[1] * row_spacing, along_row / lengths[0] * column_spacing
+    return unit(along_column) * row_spacing, unit(along_row) * column_spacing
+
+
+def _are_perpendicular(orientation: Vector) -> bool:
+    """Whether an orientation (6,) is two unit vectors at right angles."""
+    if max(map(abs, orientation)) > 1.0 + PERPENDICULAR_TOLERANCE:  # products of what is larger may overflow
+        return False
+    one, other = np.array(orientation[:3]), np.array(orientation[3:])
+    off = [abs(float(np.linalg.norm(way)) - 1.0) for way in (one, other)]
+    return max(*off, abs(float(one @ other))) <= PERPENDICULAR_TOLERANCE
 
 
 def _interleave(parts: list[list[SliceImage]], normal: FloatArray) -> bool:
@@ -195,30 +202,20 @@ def _one_stack(
 
 
 def _flags(slices: tuple[SliceImage, ...], grid: SliceGrid) -> list[VolumeFlag]:
-    gaps = grid.spacings_mm
-    multiples = gaps / grid.typical_gap_mm
-    whole = np.round(multiples)
-    filled = _filled_mm(slices)
-    missing = (whole >= 2) & (np.abs(multiples - whole) <= MULTIPLE_TOLERANCE * whole)
-    missing &= _times_usual(gaps, filled) >= 2.0 - 2.0 * MULTIPLE_TOLERANCE  # not where all are thicker
-    tags = {image.instance.tilt_tag_deg for image in slices} - {None}
-    contradict = [abs(abs(tag) - grid.tilt_deg) > TILT_TOLERANCE_DEG for tag in tags if tag is not None]
-    along_line = _fraction(grid.slice_positions_mm)
-    line = grid.origins_mm[0] + along_line[:, np.newaxis] * (grid.origins_mm[-1] - grid.origins_mm[0])
+    gaps, filled = grid.spacings_mm, _filled_mm(slices)
+    tilt_tags = {tag for image in slices if (tag := image.instance.tilt_tag_deg) is not None}
     makings = {(image.image_type, image.technique, image.instance.description) for image in slices}
     made = [flag for making in sorted(makings) for flag in flags_of(*making)]
     doubts = {
         VolumeFlag.LOSSY: any(image.instance.is_lossy for image in slices) or tells_loss(slices[0]),
         VolumeFlag.UNEVEN_SPACING: not grid.is_evenly_spaced,
-        VolumeFlag.MISSING_SLICE: bool(missing.any()),
+        VolumeFlag.MISSING_SLICE: _lacks_slice(grid, filled),
         VolumeFlag.SAME_INSTANCE: _share_uid(slices),
         VolumeFlag.OVERLAPPING: bool((filled > (1.0 + THICKNESS_TOLERANCE) * gaps).any()),
-        VolumeFlag.TILT_CONTRADICTS: any(contradict),
-        VolumeFlag.SHEARED: not tags and grid.is_sheared,
-        VolumeFlag.SHIFTED_SIDEWAYS: bool(
-            np.linalg.norm(grid.origins_mm - line, axis=1).max() > SIDEWAYS_TOLERANCE_MM
-        ),
-        VolumeFlag.MIXED_VOLTAGE: len({*map(PASSES["tube voltages"], slices)} - {""}) > 1,
+        VolumeFlag.TILT_CONTRADICTS: any(abs(abs(tag) - grid.tilt_deg) > TILT_TOLERANCE_DEG for tag in tilt_tags),
+        VolumeFlag.SHEARED: not tilt_tags and grid.is_sheared,
+        VolumeFlag.SHIFTED_SIDEWAYS: _sideways_mm(grid) > SIDEWAYS_TOLERANCE_MM,
+        VolumeFlag.MIXED_VOLTAGE: len({*map(PASSES[TUBE_VOLTAGES], slices)} - {""}) > 1,
         VolumeFlag.OUT_OF_ORDER: _run_back_s(slices) > OUT_OF_ORDER_S,
         **dict.fromkeys(made, True),
         VolumeFlag.NO_FRAME_OF_REFERENCE: slices[0].instance.frame_of_reference_uid is None,
@@ -240,6 +237,14 @@ def _filled_mm(slices: tuple[SliceImage, ...]) -> FloatArray:
     return filled
 
 
+def _lacks_slice(grid: SliceGrid, filled: FloatArray) -> bool:
+    """Whether a gap is a whole multiple of the usual one, but not where slices are as much thicker (`_filled_mm`)."""
+    multiples = grid.spacings_mm / grid.typical_gap_mm
+    whole = np.round(multiples)
+    missing = (whole >= 2) & (np.abs(multiples - whole) <= MULTIPLE_TOLERANCE * whole)
+    return bool((missing & (_times_usual(grid.spacings_mm, filled) >= 2.0 - 2.0 * MULTIPLE_TOLERANCE)).any())
+
+
 def _times_usual(gaps: FloatArray, filled: FloatArray) -> FloatArray:
     """Gaps (K - 1,) over what their two slices fill, in terms of what is usual of the scan."""
     shares = gaps / np.where(filled > 0.0, filled, np.median(gaps))
@@ -257,6 +262,8 @@ def _run_back_s(slices: tuple[SliceImage, ...]) -> float:
     return float(min(forth.max(), back.max()))
 
 
-def _fraction(positions: FloatArray) -> FloatArray:
-    fraction: FloatArray = (positions - positions[0]) / (positions[-1] - positions[0])
-    return fraction
+def _sideways_mm(grid: SliceGrid) -> float:
+    """Return how far a slice's origin lies at most from the straight line between the first and the last one."""
+    positions, first, last = grid.slice_positions_mm, grid.origins_mm[0], grid.origins_mm[-1]
+    along = (positions - positions[0]) / (positions[-1] - positions[0])
+    return float(np.linalg.norm(grid.origins_mm - (first + along[:, np.newaxis] * (last - first)), axis=1).max())
