@@ -33,6 +33,8 @@ from ronnaplan.robot.hand_eye_start import FINEST, closed_form, discrepancies, f
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
 from ronnaplan.robot.pivot import LONGEST_TOOL_MM
 
+FEWEST_POSES = 4
+"""Three poses tell both unknowns, and next to nothing of their errors."""
 SMALLEST_TURN_DEG = 5.0
 """RMS turn about the second axis that the poses need; below it the translation along the first is undetermined."""
 LARGEST_ROTATION_DEG, LARGEST_TRANSLATION_MM = 3.0, 10.0
@@ -51,6 +53,7 @@ STARTING_SDS = (1e-3, 1.0)
 ITERATIONS = 6
 """Each weighs rotations and translations by the scatter that the one before it left."""
 CONSTANTS = 12
+"""So many unknowns, the first ones, are increments of the two poses."""
 IN_TRACKER, IN_TOOL = slice(12, 21), slice(21, 27)
 """Which unknowns are drifts in the tracker's axes and in the tool's."""
 
@@ -104,13 +107,13 @@ def calibrate_hand_eye(
     """Return M from TCP and R from OTS from simultaneous poses of both.
 
     ``ots_from_m`` and ``robot_from_tcp`` are (N, 4, 4) in mm; ``frames`` (N,) number them where they are named, from
-    zero if they are not given. Raises `InputError` for fewer than four different poses,
-    unequal numbers, matrices that are no poses, and motions that turn about one axis only; `RefusedError` where the
-    poses do not belong together, or the TCP lies where no tool's is.
+    zero if they are not given. Raises `InputError` for fewer than `FEWEST_POSES` different poses, unequal numbers,
+    matrices that are no poses, and motions that turn about one axis only; `RefusedError` where the poses do not belong
+    together, or the TCP lies where no tool's is.
     """
     seen = as_poses(ots_from_m, "ots_from_m")
     driven = as_poses(robot_from_tcp, "robot_from_tcp")
-    if len(seen) != len(driven) or len(seen) < 4:
+    if len(seen) != len(driven) or len(seen) < FEWEST_POSES:
         raise InputError(
             f"{len(seen)} tracker and {len(driven)} robot poses were given; expected four or more of each"
         )
@@ -118,7 +121,7 @@ def calibrate_hand_eye(
         raise InputError(f"{len(frames)} frames were given for {len(seen)} poses; expected one for each")
     told, _ = first_told(seen)
     repeated = len(seen) - len(told)
-    if len(told) < 4:
+    if len(told) < FEWEST_POSES:
         raise InputError(
             f"{len(seen)} poses were given, of which {len(told)} of the tracker's differ; expected four or more that do"
         )

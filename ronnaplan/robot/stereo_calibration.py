@@ -35,6 +35,7 @@ LEAST_KNOWN = 0.6
 MORE_BOARDS = (
     "take more boards, larger in the images and all over them, or keep spheres near the middle of the boards"
 )
+UNDETERMINED = "the robot poses do not determine where the rig is; turn and move the robot about all axes"
 SMALLEST_INFORMATION = 1e-6
 """Smallest over largest eigenvalue of the scaled normal matrix for poses that determine ``tcp_from_rig``."""
 
@@ -208,16 +209,13 @@ def _start(poses: FloatArray, spheres: FloatArray) -> FloatArray:
     middle = spheres.mean(axis=0)
     # rows: rotation @ (B @ sphere + b) - s = -translation, with B's entries row by row
     entries = np.einsum("nij,nk->nijk", rotation, spheres - middle).reshape(count, 3, 9)
-    design = np.concatenate([entries, rotation, np.broadcast_to(-np.eye(3), (count, 3, 3))], axis=2).reshape(
-        -1, 15
-    )
+    columns = np.concatenate([entries, rotation, np.broadcast_to(-np.eye(3), (count, 3, 3))], axis=2)
+    design = columns.reshape(-1, columns.shape[2])
     scale = np.linalg.norm(design, axis=0)
     scale[scale == 0.0] = 1.0  # of spheres that are all in one plane, or place, the rank tells
     solution, _, rank, _ = np.linalg.lstsq(design / scale, -poses[:, :3, 3].ravel(), rcond=1e-9)
-    if rank < 15:
-        raise InputError(
-            "the robot poses do not determine where the rig is; turn and move the robot about all axes"
-        )
+    if rank < design.shape[1]:
+        raise InputError(UNDETERMINED)
     full = solution / scale
     u, _, vt = np.linalg.svd(full[:9].reshape(3, 3))
     turn = u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt
@@ -243,10 +241,8 @@ def _refine(poses: FloatArray, spheres: FloatArray, start: FloatArray) -> TcpCal
     scaled = information / np.sqrt(np.outer(np.diag(information), np.diag(information)))
     spectrum = np.linalg.eigvalsh(scaled)
     if spectrum[0] < SMALLEST_INFORMATION * spectrum[-1]:
-        raise InputError(
-            "the robot poses do not determine where the rig is; turn and move the robot about all axes"
-        )
-    variance = 2 * float(fit.cost) / (spheres.size - 9)
+        raise InputError(UNDETERMINED)
+    variance = 2 * float(fit.cost) / (spheres.size - fit.x.size)
     matrix = start @ rigid(exponential(fit.x[:3]), fit.x[3:6])
     carry = adjoint(matrix)
     covariance = carry @ (np.linalg.inv(information)[:6, :6] * variance) @ carry.T

@@ -59,7 +59,7 @@ ENTRY_MM = FIRST.target_mm - 50.0 * forward(kr6_r900(), np.zeros(6))[:3, 2]  # t
 PLACEMENT = placement_document(
     Placement(np.eye(4), PLACES, ()),
     room(tool=replace(room().tool, x_axis=(0.0, 1.0, 0.0))),
-    replace(kr6_r900(), held=(HeldJoint("A0", 0.1, 1, np.eye(4)),)),
+    replace(kr6_r900(), held=(HeldJoint("A0", 0.1, 1, np.eye(4), kr6_r900()),)),
     fiducials_document(FOUND).source,
     replace(cases.plan(), trajectories=(replace(FIRST, name="LH", entry_mm=ENTRY_MM),)),
 )

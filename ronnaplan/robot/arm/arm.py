@@ -43,7 +43,7 @@ class HeldJoint:
     angle_rad: float
     link: int
     pose: FloatArray
-    before: SerialArm | None = None
+    before: SerialArm
 
     def carried(self, body: Body) -> Body:
         """Return ``body``, of the arm before, on the link that carries it now."""

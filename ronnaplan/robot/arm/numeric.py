@@ -14,9 +14,10 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import as_pose
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.forward import LENGTH_MM, forward, jacobian
+from ronnaplan.robot.arm.quality import joint_margins_deg
 
-STARTS = 128
-STEPS = 60
+STARTS, STEPS = 128, 60
+"""So many postures, drawn between the limits, are led to the pose in so many steps."""
 LEAST_DAMPING = 1e-12
 REACHED = 1e-9
 """A miss (rad, and mm per `LENGTH_MM`) below this is an answer."""
@@ -60,9 +61,10 @@ def _miss(now: FloatArray, asked: FloatArray) -> FloatArray:
 
 
 def _different(arm: SerialArm, angles: FloatArray) -> FloatArray:
-    margin = np.minimum(angles - arm.limits_rad[:, 0], arm.limits_rad[:, 1] - angles).min(axis=1)
+    """Return those of postures (M, N) that differ, the farthest from the limits first."""
+    margins = joint_margins_deg(arm, angles).min(axis=1)
     kept: list[FloatArray] = []
-    for one in angles[np.argsort(-margin, kind="stable")]:
+    for one in angles[np.argsort(-margins, kind="stable")]:
         if all(np.abs(one - other).max() > APART_RAD for other in kept):
             kept.append(one)
     return np.array(kept)

@@ -176,8 +176,7 @@ def _otherwise(arm: SerialArm) -> str:
     """Say what to do with an arm of six joints that has no closed form."""
     if not arm.held:
         return OTHERWISE
-    before = arm.held[-1].before
-    others = "" if before is None else _told_held(before)
+    others = _told_held(arm.held[-1].before)
     return f"hold {_held(arm)} at another angle, or another joint{f' ({others})' if others else ''}"
 
 

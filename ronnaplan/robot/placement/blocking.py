@@ -18,7 +18,14 @@ from ronnaplan.robot.placement.judging import follow, settle
 from ronnaplan.robot.placement.machine import APART, Machine, frames_on
 from ronnaplan.robot.placement.search import Problem, base_pose
 from ronnaplan.robot.placement.tasks import Ways
-from ronnaplan.robot.placement.world import HEAD_SPACING_MM, World
+from ronnaplan.robot.placement.world import (
+    CLEARANCE_NEED,
+    HEAD_SPACING_MM,
+    JOINT_NEED,
+    SINGULAR_NEED,
+    VIEW_NEED,
+    World,
+)
 
 UNPARKED, UNREACHED, LIMIT, SINGULAR, OVERLAP, COLLISION, HIDDEN, SERVED = range(8)
 """How far a task comes, from a base."""
@@ -134,20 +141,20 @@ def _reached(
     pair: NDArray[np.int64],
 ) -> tuple[int, float, int]:
     """Return the stage that postures (P, 6) along a way come to, the margin there, and the joint or body it is of."""
-    if margins[0] < world.needs[0]:
+    if margins[0] < world.needs[JOINT_NEED]:
         return LIMIT, np.degrees(margins[0]), _tightest(machine, angles)
-    if margins[1] < world.needs[1]:
+    if margins[1] < world.needs[SINGULAR_NEED]:
         return SINGULAR, np.degrees(margins[1]), 0
     for p in range(len(angles)):
         away, _ = posture_margins(machine, world, trolley, instrument, angles[p], frames, bodies, pair, False)
-        if away < world.needs[2]:
+        if away < world.needs[CLEARANCE_NEED]:
             if pair[1] == ROOM:
                 pair[1] -= _thing(world, trolley, bodies[pair[0]], is_high(machine, pair[0]))
             of_wrist = pair[1] >= 0 and machine.kept[pair[0], pair[1]] == APART
             return OVERLAP if of_wrist else COLLISION, away, pair[0]
     for p in range(len(angles)):
         _, view = posture_margins(machine, world, trolley, instrument, angles[p], frames, bodies, pair, True)
-        if view < world.needs[3]:
+        if view < world.needs[VIEW_NEED]:
             return HIDDEN, np.degrees(view), 0
     return SERVED, np.inf, 0
 

@@ -10,7 +10,16 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.arm.links import place_links
 from ronnaplan.robot.placement.distances import box_box, segment_box, segment_point, segment_segment
 from ronnaplan.robot.placement.machine import APART, FREE, Machine, place_bodies
-from ronnaplan.robot.placement.world import World
+from ronnaplan.robot.placement.world import (
+    BEAM,
+    CLEARANCE_NEED,
+    FARTHEST,
+    NEAREST,
+    OWN_BODY,
+    VIEW_NEED,
+    WIDEST,
+    World,
+)
 
 HEAD, ROOM = -1, -2
 """What a body comes near to, where it is no other body."""
@@ -94,7 +103,7 @@ def clearance(
 @njit(cache=True, nogil=True, error_model="numpy")
 def seen(machine: Machine, world: World, trolley: FloatArray, frame: FloatArray, bodies: FloatArray) -> float:
     """Return by how much (rad) the tool's marker, on the last link at ``frame``, is seen; negative: hidden or far."""
-    if world.sight[1] == 0.0:
+    if world.sight[FARTHEST] == 0.0:
         return np.inf
     line = np.zeros(7)
     cosine = away = 0.0
@@ -105,17 +114,17 @@ def seen(machine: Machine, world: World, trolley: FloatArray, frame: FloatArray,
         line[3 + a] = world.tracker[a]
         away += (line[3 + a] - line[a]) ** 2
     away = np.sqrt(away)
-    if not world.sight[0] <= away <= world.sight[1]:
+    if not world.sight[NEAREST] <= away <= world.sight[FARTHEST]:
         return -1.0
     for a in range(3):
         for b in range(3):
             cosine += frame[a, b] * machine.marker[1, b] * (line[3 + a] - line[a]) / away
-    margin: float = world.sight[4] - np.arccos(min(max(cosine, -1.0), 1.0))
-    if margin < world.needs[3]:
+    margin: float = world.sight[WIDEST] - np.arccos(min(max(cosine, -1.0), 1.0))
+    if margin < world.needs[VIEW_NEED]:
         return margin
     for a in range(3):
-        line[3 + a] -= (line[3 + a] - line[a]) * min(world.sight[2] / away, 1.0)
-    line[6] = world.sight[3]
+        line[3 + a] -= (line[3 + a] - line[a]) * min(world.sight[OWN_BODY] / away, 1.0)
+    line[6] = world.sight[BEAM]
     return -1.0 if _is_crossed(machine, world, trolley, line, bodies) else margin
 
 
@@ -147,9 +156,9 @@ def posture_margins(
     place_links(machine.origins, machine.axes, angles, frames)
     place_bodies(machine, instrument, frames, bodies)
     view = seen(machine, world, trolley, frames[-1], bodies) if tracked else np.inf
-    if view < world.needs[3]:
+    if view < world.needs[VIEW_NEED]:
         return np.inf, view
-    return clearance(machine, world, trolley, bodies, world.needs[2], pair), view
+    return clearance(machine, world, trolley, bodies, world.needs[CLEARANCE_NEED], pair), view
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -157,16 +166,16 @@ def parked(world: World, trolley: FloatArray) -> bool:
     """Whether the trolley's boxes (V, 8), in the room, keep clear of what stands there."""
     for v in range(len(trolley)):
         for n in range(len(world.boxes)):
-            if box_box(trolley[v], world.boxes[n]) < world.needs[2]:
+            if box_box(trolley[v], world.boxes[n]) < world.needs[CLEARANCE_NEED]:
                 return False
         for n in range(len(world.capsules)):
-            if segment_box(world.capsules[n], trolley[v]) - world.capsules[n, 6] < world.needs[2]:
+            if segment_box(world.capsules[n], trolley[v]) - world.capsules[n, 6] < world.needs[CLEARANCE_NEED]:
                 return False
         for n in range(len(world.head)):
             place = np.empty(6)
             for a in range(3):
                 place[a], place[3 + a] = world.head[n, a], world.head[n, a]
-            if segment_box(place, trolley[v]) - world.head[n, 3] < world.needs[2]:
+            if segment_box(place, trolley[v]) - world.head[n, 3] < world.needs[CLEARANCE_NEED]:
                 return False
     return True
 

@@ -19,7 +19,7 @@ from ronnaplan.robot.arm.singular import singularity
 from ronnaplan.robot.placement.clearances import parked, place_trolley, posture_margins
 from ronnaplan.robot.placement.machine import Machine, frames_on
 from ronnaplan.robot.placement.tasks import Ways
-from ronnaplan.robot.placement.world import World
+from ronnaplan.robot.placement.world import CLEARANCE_NEED, JOINT_NEED, SINGULAR_NEED, VIEW_NEED, World
 
 LARGEST_STEP_RAD = 1.5
 """A joint that turns further between two poses of a way has gone through a singular posture."""
@@ -255,7 +255,7 @@ def hoped(
 @njit(cache=True, nogil=True, error_model="numpy")
 def worth_of_joints(world: World, margins: FloatArray) -> float:
     """Return what the ``margins`` (2,) of joints and of singular postures are worth; `NOTHING` below what is asked."""
-    if margins[0] < world.needs[0] or margins[1] < world.needs[1]:
+    if margins[0] < world.needs[JOINT_NEED] or margins[1] < world.needs[SINGULAR_NEED]:
         return NOTHING
     return float(np.degrees(min(margins[0], margins[1])))
 
@@ -287,7 +287,7 @@ def worth_along(
         away, view = posture_margins(
             machine, world, trolley, instrument, angles[p, posture], frames, bodies, pair, True
         )
-        if away < world.needs[2] or view < world.needs[3]:
+        if away < world.needs[CLEARANCE_NEED] or view < world.needs[VIEW_NEED]:
             return NOTHING
         left = min(left, min(soft(away, world.plenty[0]), np.degrees(soft(view, world.plenty[1]))))
         worth = min(worth_of_joints(world, margins), left)

@@ -12,23 +12,21 @@ SAMPLES = 1024
 """Of a Sobol sequence."""
 
 
-def probability(
-    problem: Problem, place: FloatArray, parking: Parking, *, samples: int = SAMPLES, seed: int = 0
-) -> float:
+def probability(problem: Problem, place: FloatArray, parking: Parking, *, samples: int = SAMPLES) -> float:
     """Return the share of true places about ``place`` (4,) from which all tasks are served.
 
     After parking, the base is measured and rolls and postures are chosen anew. Errors are normal and independent in x,
     y and turn, which the base makes about its own origin.
     """
-    return float(serves(problem, strayed(place, parking, samples, seed)).mean())
+    return float(serves(problem, strayed(place, parking, samples)).mean())
 
 
-def strayed(place: FloatArray, parking: Parking, samples: int, seed: int) -> FloatArray:
+def strayed(place: FloatArray, parking: Parking, samples: int) -> FloatArray:
     """Return ``samples`` places (N, 4) where the robot may come to stand, evenly spread by their probability."""
     from scipy.stats.qmc import MultivariateNormalQMC
 
     spread = np.diag([parking.sigma_mm**2, parking.sigma_mm**2, parking.sigma_deg**2])
-    errors = MultivariateNormalQMC(np.zeros(3), spread, rng=np.random.default_rng(seed)).random(samples)
+    errors = MultivariateNormalQMC(np.zeros(3), spread, rng=np.random.default_rng(0)).random(samples)
     moved = np.tile(place, (samples, 1))
     moved[:, [0, 1, 3]] += errors
     return moved

@@ -20,7 +20,7 @@ from ronnaplan.robot.placement.machine import Machine, frames_on
 from ronnaplan.robot.placement.order import LESS, cheapest, shortest
 from ronnaplan.robot.placement.search import Problem
 from ronnaplan.robot.placement.serving import Served
-from ronnaplan.robot.placement.world import World
+from ronnaplan.robot.placement.world import CLEARANCE_NEED, World
 
 STEP_DEG = 2.0
 """Postures on a move are looked at this closely."""
@@ -254,6 +254,6 @@ def is_free(
     for n in range(count + 1):
         angles = ends[0] + (ends[1] - ends[0]) * (n / count)
         away, _ = posture_margins(machine, world, trolley, instrument, angles, frames, bodies, pair, False)
-        if away < world.needs[2]:
+        if away < world.needs[CLEARANCE_NEED]:
             return False
     return True

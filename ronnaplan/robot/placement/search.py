@@ -14,13 +14,15 @@ from ronnaplan.robot.arm.wrist import shoulder_mm, stretched_mm
 from ronnaplan.robot.placement.machine import Machine
 from ronnaplan.robot.placement.room import Floor
 from ronnaplan.robot.placement.tasks import Ways
-from ronnaplan.robot.placement.world import World
+from ronnaplan.robot.placement.world import CLEARANCE_NEED, World
 from ronnaplan.threads import cores, in_threads
 
 GRID_MM = 100.0
 GRID_Z_MM = 150.0
 FACING_DEG = (0.0, 45.0, -45.0, 90.0, -90.0, 180.0)
 """Turns of the base that are tried, from that which faces the head."""
+SPARE_MM = 300.0
+"""Bases are looked at so much farther off than arm and instruments reach, so that none is left out that serves."""
 ANY = 1e-6
 """Plenty, where it is only asked whether all is served."""
 STARTS = 6
@@ -222,8 +224,11 @@ def asking(problem: Problem, worth: float) -> Problem:
     world = problem.world
     kept = worth * (1 - SLACK)
     allowed = np.array([kept, np.radians(kept)])
-    allowed = np.maximum(allowed / (1 + allowed / world.plenty), world.needs[2:])
-    return replace(problem, world=world._replace(needs=np.concatenate([world.needs[:2], allowed]), plenty=allowed))
+    allowed = np.maximum(allowed / (1 + allowed / world.plenty), world.needs[CLEARANCE_NEED:])
+    return replace(
+        problem,
+        world=world._replace(needs=np.concatenate([world.needs[:CLEARANCE_NEED], allowed]), plenty=allowed),
+    )
 
 
 def alternatives(problem: Problem, places: FloatArray, found: FloatArray) -> Iterator[FloatArray]:
@@ -263,7 +268,7 @@ def best_apart(places: FloatArray, found: FloatArray, count: int, apart_mm: floa
 def _reach(problem: Problem) -> float:
     """Return how far (mm) from the head's middle a base can stand at all: the arm stretched, and the longest tool."""
     wrist, ways = problem.machine.wrist, problem.ways
-    tool = np.abs(ways.instruments[:, :6]).max(initial=0.0) + 300.0
+    tool = np.abs(ways.instruments[:, :6]).max(initial=0.0) + SPARE_MM
     arm = stretched_mm(wrist) + np.linalg.norm(wrist.axis_2) + abs(wrist.beside)
     foot = shoulder_mm(wrist) if wrist.backwards else wrist.origin
     return float(arm + tool + problem.world.head_ball[3] + np.linalg.norm(foot))

@@ -17,6 +17,13 @@ PLENTY_MM, PLENTY_DEG = 100.0, 45.0
 """Clearance and margin of the tracker's view beyond which more counts no more."""
 
 
+JOINT_NEED, SINGULAR_NEED, CLEARANCE_NEED, VIEW_NEED = range(4)
+"""Which margin is asked for at which place of `World.needs`."""
+
+NEAREST, FARTHEST, OWN_BODY, BEAM, WIDEST = range(5)
+"""What stands at which place of `World.sight`."""
+
+
 class World(NamedTuple):
     """What stands in the room, and what is asked for."""
 
@@ -29,9 +36,13 @@ class World(NamedTuple):
     tracker: FloatArray
     """Its place (3,)."""
     sight: FloatArray
-    """Nearest, farthest, its own body, beam radius, greatest angle in rad (5,); all zero where nothing is tracked."""
+    """What the tracker sees (5,): from `NEAREST` to `FARTHEST`, to `WIDEST` off the marker's normal, in mm and rad.
+
+    Nothing may come within `BEAM` of the line to the marker but on its last `OWN_BODY`, where the tracker itself is.
+    All are zero where nothing is tracked.
+    """
     needs: FloatArray
-    """Joint, singularity (rad), clearance (mm), tracker (rad) margins (4,)."""
+    """Margins (4,) that are asked for, in rad, that of clearance in mm."""
     plenty: FloatArray
     """Clearance (mm) and tracker's margin (rad) beyond which more counts no more (2,)."""
 
@@ -53,8 +64,9 @@ def world_of(
     sight = np.zeros(5)
     if tracker_mm is not None and room.tracker is not None and room.tool.marker is not None:
         told = room.tracker
-        sight[:] = (told.nearest_mm, told.farthest_mm, told.body_mm, told.beam_mm, 0.0)
-        sight[4] = np.radians(room.tool.marker.seen_deg)
+        sight[NEAREST], sight[FARTHEST] = told.nearest_mm, told.farthest_mm
+        sight[OWN_BODY], sight[BEAM] = told.body_mm, told.beam_mm
+        sight[WIDEST] = np.radians(room.tool.marker.seen_deg)
     needs = room.margins
     return World(
         box_rows(room.boxes),

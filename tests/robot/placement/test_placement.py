@@ -292,7 +292,7 @@ def test_a_base_that_was_measured_is_checked(found: tuple[Job, Placement]) -> No
 
 
 def test_parking_strays_as_it_is_told() -> None:
-    places = strayed(np.array([100.0, 200, 900, 30]), Parking(20.0, 3.0), 1024, 0)
+    places = strayed(np.array([100.0, 200, 900, 30]), Parking(20.0, 3.0), 1024)
     np.testing.assert_allclose(places.mean(axis=0), [100, 200, 900, 30], atol=0.5)
     np.testing.assert_allclose(places.std(axis=0), [20, 20, 0, 3], rtol=0.03, atol=1e-12)
 
