@@ -1,13 +1,21 @@
-"""Things that go from one process of this program to another, arrays as they lie in memory."""
+"""From one process of this program to another: where it finds the program, and things, arrays as they lie in memory."""
 
 from __future__ import annotations
 
+import os
 import pickle
 import struct
+from pathlib import Path
 from typing import IO, Any, Final
 
 SIZE: Final = struct.Struct("<Q")
 """Before every piece that goes from one process to the other: how many bytes it has."""
+
+
+def environment() -> dict[str, str]:
+    """Return the environment in which another process finds this very package, wherever it is begun."""
+    here = str(Path(__file__).resolve().parents[1])
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [here, os.environ.get("PYTHONPATH")]))}
 
 
 def send(stream: IO[bytes], thing: Any) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import shutil
 import sys
 import tempfile
@@ -18,6 +17,7 @@ from aiohttp import web
 from ronnaplan.case.folder import FIDUCIALS, PLAN, REGISTRATION
 from ronnaplan.documents.files import write_atomically
 from ronnaplan.errors import RonnaplanError, UsageError, wants_room
+from ronnaplan.pipes import environment
 from ronnaplan.planner.storage import Storage
 from ronnaplan.text import printable
 
@@ -184,14 +184,12 @@ def _require_readings(name: str, content: bytes | bytearray) -> None:
 
 async def _run(*arguments: str) -> None:
     """Run a verb in a process of its own; raises `HTTPUnprocessableEntity` with what it says went wrong."""
-    here = str(Path(__file__).resolve().parents[2])
-    paths = os.pathsep.join(filter(None, [here, os.environ.get("PYTHONPATH")]))
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "ronnaplan", *arguments),
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.DEVNULL,
         stderr=asyncio.subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": paths},
+        env=environment(),
     )
     try:
         _, told = await process.communicate()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, Final
 
 import numpy as np
 
@@ -54,23 +55,24 @@ LONGEST_SCALE = 0.3
 """The scale bar is the longest of those that fill no more than this share of the shorter side."""
 
 
+NOTHING: Final[dict[str, Any]] = {
+    "letters": [],
+    "scale": None,
+    "cross": None,
+    "markers": [],
+    "points": [],
+    "paths": [],
+    "rulers": [],
+    "regions": [],
+}
+"""All that is drawn over a view but its frame and title, where there is none of it."""
+
+
 def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) -> dict[str, Any]:
     """Return what is drawn over a view, in mm from its middle; empty for a path view without a trajectory."""
     if view not in STANDARD_NAMES and state.look.chosen is None:
-        return {
-            "box": "-1 -1 2 2",
-            "half": 1,
-            "wide": 1,
-            "high": 1,
-            "letters": [],
-            "scale": None,
-            "title": "select a trajectory" if state.case.plan.trajectories else "no trajectory yet: add one (A)",
-            "markers": [],
-            "points": [],
-            "paths": [],
-            "rulers": [],
-            "regions": [],
-        }
+        title = "select a trajectory" if state.case.plan.trajectories else "no trajectory yet: add one (A)"
+        return {**NOTHING, **frame(1, 1, 1), "title": title}
     cut = state.look.cut(view)
     half = cut.field_mm / 2
     wide, high = (half * share for share in pane.halves)
@@ -78,10 +80,7 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
     paths = [_path(one, cut, pane, one.name == state.look.selected) for one in state.case.plan.trajectories]
     points = [one | {"r": half * BESIDE_HALVES} for one in _points(state, cut, (wide, high))]
     return {
-        "box": f"{-wide} {-high} {2 * wide} {2 * high}",
-        "half": half,
-        "wide": wide,
-        "high": high,
+        **frame(half, wide, high),
         "letters": [letters(way) for way in (-cut.right, cut.right, -cut.down, cut.down)],
         "scale": max((mm for mm in SCALES_MM if mm <= LONGEST_SCALE * cut.field_mm), default=SCALES_MM[0]),
         "title": _title(state, view, cut),
@@ -100,6 +99,11 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
             half,
         ),
     }
+
+
+def frame(half: float, wide: float, high: float) -> dict[str, Any]:
+    """Return the part of the plane that a view shows: half its shorter side, its width and its height, and its box."""
+    return {"box": f"{-wide} {-high} {2 * wide} {2 * high}", "half": half, "wide": wide, "high": high}
 
 
 def _title(state: PlannerState, view: str, cut: Cut) -> str:
@@ -152,7 +156,7 @@ def _markers(
     drawn = []
     for label, center, radius, colour in balls(state, show_rejected):
         x, y, away = cut.on_screen_mm(np.array(center))
-        if abs(away) < radius and abs(x) < reach_mm[0] and abs(y) < reach_mm[1]:
+        if abs(away) < radius and _is_within(x, y, reach_mm):
             r = float(np.sqrt(radius**2 - away**2))
             selected = label == state.look.marker
             drawn.append(
@@ -164,24 +168,33 @@ def _markers(
 
 def _points(state: PlannerState, cut: Cut, reach_mm: tuple[float, float]) -> list[dict[str, Any]]:
     """Return points of the AC-PC frame and proposed entries in the plane, tips of tools, and the first click."""
-    drawn = []
-    for name, place in state.landmarks_mm.items():
-        x, y, away = cut.on_screen_mm(place).tolist()
-        if abs(away) < NEAR_MM and abs(x) < reach_mm[0] and abs(y) < reach_mm[1]:
-            drawn.append({"label": name, "x": x, "y": y, "colour": POINT_COLOUR})
+    drawn = _in_plane(state.landmarks_mm.items(), POINT_COLOUR, cut, reach_mm)
     if state.look.begun_mm is not None:
         x, y, _ = cut.on_screen_mm(state.look.begun_mm).tolist()
         drawn.append({"label": "entry", "x": x, "y": y, "colour": BEGUN_COLOUR})
     for one in state.following.seen:
         x, y, away = cut.on_screen_mm(one.tip_mm).tolist()
         far = "" if abs(away) < NEAR_MM else f" {away:+.0f} mm"
-        if abs(x) < reach_mm[0] and abs(y) < reach_mm[1]:
+        if _is_within(x, y, reach_mm):
             drawn.append({"label": f"{one.name}{far}", "x": x, "y": y, "colour": TOOL_COLOUR})
-    for label, entry_mm in proposed(state):
-        x, y, away = cut.on_screen_mm(entry_mm).tolist()
-        if abs(away) < NEAR_MM and abs(x) < reach_mm[0] and abs(y) < reach_mm[1]:
-            drawn.append({"label": label, "x": x, "y": y, "colour": PROPOSED_COLOUR})
+    return drawn + _in_plane(proposed(state), PROPOSED_COLOUR, cut, reach_mm)
+
+
+def _in_plane(
+    named: Iterable[tuple[str, FloatArray]], colour: str, cut: Cut, reach_mm: tuple[float, float]
+) -> list[dict[str, Any]]:
+    """Return those of the ``named`` places (3,), LPS mm, that lie near the plane and in the picture."""
+    drawn = []
+    for name, place_mm in named:
+        x, y, away = cut.on_screen_mm(place_mm).tolist()
+        if abs(away) < NEAR_MM and _is_within(x, y, reach_mm):
+            drawn.append({"label": name, "x": x, "y": y, "colour": colour})
     return drawn
+
+
+def _is_within(x: float, y: float, reach_mm: tuple[float, float]) -> bool:
+    """Whether a place of the plane is in the picture, whose half width and height are ``reach_mm``."""
+    return abs(x) < reach_mm[0] and abs(y) < reach_mm[1]
 
 
 def proposed(state: PlannerState) -> list[tuple[str, FloatArray]]:

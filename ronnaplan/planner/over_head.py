@@ -8,7 +8,7 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.measuring import BESIDE_HALVES, drawn_rulers
-from ronnaplan.planner.over_cut import BEGUN_COLOUR, POINT_COLOUR, balls, proposed
+from ronnaplan.planner.over_cut import BEGUN_COLOUR, NOTHING, POINT_COLOUR, balls, frame, proposed
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
@@ -38,20 +38,7 @@ def over_head(
     regions are named at ``region_places_mm`` (3,), LPS mm.
     """
     wide, high = pane.halves
-    drawn: dict[str, Any] = {
-        "box": f"{-wide} {-high} {2 * wide} {2 * high}",
-        "half": 1,
-        "wide": wide,
-        "high": high,
-        "letters": [],
-        "scale": None,
-        "cross": None,
-        "markers": [],
-        "points": [],
-        "paths": [],
-        "rulers": [],
-        "regions": [],
-    }
+    drawn = {**NOTHING, **frame(1, wide, high)}
     if camera is None:
         return {**drawn, "title": "3-D is being made ready ..."}
     points = [_point(camera, name, place, POINT_COLOUR) for name, place in state.landmarks_mm.items()]

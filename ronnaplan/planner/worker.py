@@ -8,11 +8,10 @@ import sys
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from ronnaplan.errors import RonnaplanError, UsageError
-from ronnaplan.pipes import receive, send
+from ronnaplan.pipes import environment, receive, send
 
 Told = Callable[[float], None]
 """Is told which share of the work is done, 0 to 1."""
@@ -63,13 +62,11 @@ class Worker:
         if self._process is not None:
             raise UsageError("something else is being worked on; wait for it or cancel it first")
         self._cancelled = False
-        here = str(Path(__file__).resolve().parents[2])
-        paths = os.pathsep.join(filter(None, [here, os.environ.get("PYTHONPATH")]))
         process = self._process = subprocess.Popen(
             [sys.executable, "-m", "ronnaplan.planner.worker"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env={**os.environ, "PYTHONPATH": paths},
+            env=environment(),
         )
         try:
             with process:

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import tempfile
 import threading
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
 
 from ronnaplan.errors import InputError
 from ronnaplan.extras import require_packages
-from ronnaplan.pipes import receive, send
+from ronnaplan.pipes import environment, receive, send
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -44,7 +42,7 @@ class Workshop:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._told,
-            env=_environment(),
+            env=environment(),
         )
 
     def __enter__(self) -> Workshop:
@@ -98,9 +96,3 @@ class Workshop:
         require_packages(*NEEDS_PYVISTA)
         answer: Arrays = self.answer(task, given)
         return answer
-
-
-def _environment() -> dict[str, str]:
-    """Return the environment in which the other process finds this very package."""
-    here = str(Path(__file__).resolve().parents[2])
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [here, os.environ.get("PYTHONPATH")]))}
