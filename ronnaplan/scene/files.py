@@ -35,32 +35,35 @@ PAGE: Final = files("ronnaplan.scene") / "page"
 NOTICE: Final = "research software, not a medical device"
 
 
+class _Buffer:
+    """The numbers of a binary glTF one after the other, its views, and what they are."""
+
+    def __init__(self) -> None:
+        self.data = bytearray()
+        self.views: list[dict[str, Any]] = []
+        self.accessors: list[dict[str, Any]] = []
+
+    def add(self, values: NDArray[Any], component: int, kind: str, target: int, **bounds: list[float]) -> int:
+        """Add an array (N, ...) of a ``component`` type, for a ``target``; return the number of its accessor."""
+        data, view = values.tobytes(), len(self.views)
+        self.views.append({"buffer": 0, "byteOffset": len(self.data), "byteLength": len(data), "target": target})
+        self.data += data
+        told = {"componentType": component, "count": len(values), "type": kind}
+        self.accessors.append({"bufferView": view, **told, **bounds})
+        return view
+
+
 def gltf(things: Sequence[Thing]) -> bytes:
     """Return a binary glTF 2.0: one node a thing, in LPS mm below a root that stands upright in metres."""
-    parts: list[bytes] = []
-    views: list[dict[str, Any]] = []
-    accessors: list[dict[str, Any]] = []
-
-    def stored(values: NDArray[Any], component: int, kind: str, target: int, **bounds: list[float]) -> int:
-        data = values.tobytes()
-        offset = sum(map(len, parts))
-        views.append({"buffer": 0, "byteOffset": offset, "byteLength": len(data), "target": target})
-        parts.append(data)
-        count = len(values)
-        accessors.append(
-            {"bufferView": len(views) - 1, "componentType": component, "count": count, "type": kind, **bounds}
-        )
-        return len(accessors) - 1
-
-    meshes, materials = [], []
+    buffer, meshes, materials = _Buffer(), [], []
     for number, one in enumerate(things):
         places = one.body.vertices_mm.astype("<f4")
         bounds = {"min": places.min(axis=0).tolist(), "max": places.max(axis=0).tolist()}
         attributes = {
-            "POSITION": stored(places, FLOATS, "VEC3", VERTICES, **bounds),
-            "NORMAL": stored(unit_normals(one).astype("<f4"), FLOATS, "VEC3", VERTICES),
+            "POSITION": buffer.add(places, FLOATS, "VEC3", VERTICES, **bounds),
+            "NORMAL": buffer.add(unit_normals(one).astype("<f4"), FLOATS, "VEC3", VERTICES),
         }
-        indices = stored(one.body.triangles.astype("<u4").ravel(), NUMBERS, "SCALAR", INDICES)
+        indices = buffer.add(one.body.triangles.astype("<u4").ravel(), NUMBERS, "SCALAR", INDICES)
         primitive = {"attributes": attributes, "indices": indices, "material": number}
         meshes.append({"name": one.name, "primitives": [primitive]})
         materials.append(_material(one))
@@ -73,11 +76,11 @@ def gltf(things: Sequence[Thing]) -> bytes:
         "nodes": [*nodes, root],
         "meshes": meshes,
         "materials": materials,
-        "accessors": accessors,
-        "bufferViews": views,
-        "buffers": [{"byteLength": sum(map(len, parts))}],
+        "accessors": buffer.accessors,
+        "bufferViews": buffer.views,
+        "buffers": [{"byteLength": len(buffer.data)}],
     }
-    header, body = json.dumps(document).encode(), b"".join(parts)
+    header, body = json.dumps(document).encode(), bytes(buffer.data)
     header += b" " * (-len(header) % 4)
     chunks = struct.pack("<I4s", len(header), b"JSON") + header + struct.pack("<I4s", len(body), b"BIN\0") + body
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
