@@ -28,6 +28,8 @@ from ronnaplan.text import printable
 
 DICOMDIR_CLASS: Final = "1.2.840.10008.1.3.10"
 _SCANS: Final = frozenset[str]().union(*CT_OR_MR.values())
+MOST_LISTED, MOST_REASONS = 10, 5
+"""A message names so many series, or says of so many why they cannot be used."""
 
 
 class SeveralSeriesError(InputError):
@@ -103,7 +105,7 @@ class Catalogue:
         if series_uid is not None:
             return self._named(series_uid)
         if not self.usable:
-            reasons = "; ".join(f"{one.key}: {', '.join(one.problems)}" for one in self.series[:5])
+            reasons = "; ".join(f"{one.key}: {', '.join(one.problems)}" for one in self.series[:MOST_REASONS])
             raise InputError(f"{shown} holds no usable CT series ({reasons}); see `ronnaplan series`")
         if len(self.usable) > 1:
             raise SeveralSeriesError(
@@ -143,9 +145,10 @@ class Catalogue:
         return f" ({len(self.skipped)} other files, such as {first.name}: {first.reason})"
 
 
-def _listed(series: Iterable[Series], most: int = 10) -> str:
+def _listed(series: Iterable[Series]) -> str:
     shown = [str(one) for one in series]
-    return ", ".join(shown[:most]) + (f" and {len(shown) - most} more" if len(shown) > most else "")
+    more = f" and {len(shown) - MOST_LISTED} more" if len(shown) > MOST_LISTED else ""
+    return ", ".join(shown[:MOST_LISTED]) + more
 
 
 def find_series(

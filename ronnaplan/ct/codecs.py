@@ -20,6 +20,10 @@ from ronnaplan.text import printable
 _JPEG_12_BITS: Final = "JPEG extended, 12 bits, which pylibjpeg-libjpeg decodes"
 _JPEG_2000_START: Final = b"\xff\x4f\xff\x51"
 _JP2_SIGNATURE: Final = b"jP  \r\n\x87\n"
+_EXTENT_AT, _SAMPLES_AT = 8, 40
+"""Where a JPEG 2000 stream tells the ends of its image and how many samples a pixel has (ISO 15444-1, A.5.1)."""
+_FRAME_SIZE_AT: Final = 5
+"""Where a JPEG tells its size, from the marker of its frame on (ITU-T T.81, B.2.2): behind a length and the bits."""
 _END_OF_IMAGE: Final = b"\xff\xd9"
 _MOST_PADDING: Final = 8
 """Zero bytes that an encoder may leave of its buffer."""
@@ -165,10 +169,10 @@ def codestream_size(frame: bytes) -> tuple[int, int, int] | None:
     if frame[:2] == b"\xff\xd8":
         return _jpeg_size(frame)
     start = _codestream_start(frame)
-    if frame[start : start + 4] != _JPEG_2000_START or len(frame) < start + 42:
+    if frame[start : start + 4] != _JPEG_2000_START or len(frame) < start + _SAMPLES_AT + 2:
         return None
-    right, bottom, left, top = struct.unpack_from(">4L", frame, start + 8)
-    return bottom - top, right - left, struct.unpack_from(">H", frame, start + 40)[0]
+    right, bottom, left, top = struct.unpack_from(">4L", frame, start + _EXTENT_AT)
+    return bottom - top, right - left, struct.unpack_from(">H", frame, start + _SAMPLES_AT)[0]
 
 
 def _codestream_start(frame: bytes) -> int:
@@ -183,11 +187,12 @@ def _codestream_start(frame: bytes) -> int:
 
 
 def _jpeg_size(frame: bytes) -> tuple[int, int, int] | None:
+    """Return rows, columns and samples of a JPEG or JPEG-LS stream; None where it has no frame."""
     position = 2
     while position + 10 <= len(frame) and frame[position] == 0xFF:
         marker = frame[position + 1]
         if marker in _START_OF_FRAME:
-            return struct.unpack_from(">HHB", frame, position + 5)
+            return struct.unpack_from(">HHB", frame, position + _FRAME_SIZE_AT)
         position += 1 if marker == 0xFF else 2 + struct.unpack_from(">H", frame, position + 2)[0]
     return None
 
