@@ -143,9 +143,8 @@ class Receiver:
         entity.acse_timeout = limits.silent_s + 1.0  # after the connection's own end, which is told
         entity.add_supported_context(VERIFICATION)
         entity.add_supported_context(PROCEDURE_STEP)
-        entity.add_supported_context(
-            COMMITMENT, scu_role=True, scp_role=True
-        )  # a receiver that reports is its provider
+        # a receiver that reports is its provider
+        entity.add_supported_context(COMMITMENT, scu_role=True, scp_role=True)
         for sop_class in CLASSES:
             entity.add_supported_context(sop_class, list(SYNTAXES))
         return entity

@@ -62,10 +62,8 @@ class Sender(threading.Thread):
                 try:
                     self.deliver(index, time.time())
                     self.report(index, time.time())
-                except (
-                    OSError,
-                    sqlite3.Error,
-                ) as error:  # a full disk, an index that another one holds: tried again
+                except (OSError, sqlite3.Error) as error:
+                    # a full disk, an index that another one holds: tried again
                     self._log.tell("cannot deliver", receiver=self._peer.name, reason=str(error))
                     self._ending.wait(RESTART_S)
 

@@ -28,8 +28,12 @@ from ronnaplan.portable import replace, sync_folder
 
 INCOMING, INSTANCES, ASIDE = "incoming", "instances", "aside"
 LARGEST_GROUP = 64
+"""So many instances at most are made safe together, by one sync of each folder and one of the index."""
 MIB = 1 << 20
 IDLE_S = 1.0
+"""How long is waited for an arrival, or its answer, before it is looked whether there is something else to do."""
+HASH_LETTERS = 16
+"""Of its hash, in the name of an instance that is kept aside: others of its UID have other ones."""
 RETENTION_S = 600.0
 """How often it is looked for what may go."""
 
@@ -118,9 +122,8 @@ class Store:
                 arrivals = [one for one in group if one is not None]
                 try:
                     told = self._take_group(index, arrivals)
-                except (
-                    Exception
-                ) as error:  # a full disk, a locked or damaged index: told to every sender of the group
+                except Exception as error:
+                    # a full disk, a locked or damaged index: told to every sender of the group
                     told = [self._refused(one, error) for one in arrivals]
                 for arrival, taken in zip(arrivals, told, strict=True):
                     arrival.answer.set_result(taken)
@@ -149,7 +152,7 @@ class Store:
                 entries.append((one, place))
                 moves.append((one.path, place))
             elif known[sop_uid] != sha256:
-                moves.append((one.path, self.folder / ASIDE / f"{sop_uid}.{sha256[:16]}.dcm"))
+                moves.append((one.path, self.folder / _aside(one.facts)))
             elif place.is_file() or any(target == place for _, target in moves):
                 one.path.unlink()
                 was_known = True
@@ -192,7 +195,7 @@ class Store:
             sync_folder(folder)
 
     def _keep_aside(self, index: Index, one: Arrival, now: float) -> None:
-        name = f"{ASIDE}/{one.facts.sop_uid}.{one.facts.sha256[:16]}.dcm"
+        name = _aside(one.facts)
         index.run(
             "INSERT INTO aside VALUES (?, ?, ?, ?) ON CONFLICT DO NOTHING",
             name,
@@ -210,7 +213,9 @@ class Store:
 
     def _refused(self, one: Arrival, reason: object) -> Taken:
         one.path.unlink(missing_ok=True)
-        self._log.tell("refused", status="A700", reason=f"cannot be kept: {reason}", calling=one.calling)
+        self._log.tell(
+            "refused", status=f"{Status.NO_ROOM:04X}", reason=f"cannot be kept: {reason}", calling=one.calling
+        )
         return Taken(Status.NO_ROOM)
 
     def _clear_unacknowledged(self) -> None:
@@ -222,3 +227,8 @@ class Store:
         for path in [*(self.folder / INSTANCES).rglob("*.dcm"), *(self.folder / ASIDE).glob("*.dcm")]:
             if path.relative_to(self.folder).as_posix() not in known:
                 path.unlink(missing_ok=True)
+
+
+def _aside(facts: Facts) -> str:
+    """Return the path, in the store's folder, of an instance that is there already with other content."""
+    return f"{ASIDE}/{facts.sop_uid}.{facts.sha256[:HASH_LETTERS]}.dcm"

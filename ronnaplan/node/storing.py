@@ -33,8 +33,10 @@ SOP_CLASS, COMMAND, MESSAGE, ANSWERED_MESSAGE, HAS_DATA, STATUS, SOP_INSTANCE = 
 STORE, STORED, NO_DATA = 0x0001, 0x8001, 0x0101
 LARGEST_COMMAND: Final = 1 << 16
 LONGEST_UID: Final = 64
-INVALID_PDU: Final = "Evt19"
-"""What pynetdicom's state machine aborts the association for."""
+CLOSED, INVALID_PDU = "Evt17", "Evt19"
+"""What pynetdicom's state machine is told (PS3.8, 9.2): the connection is closed, or its peer breaks the protocol."""
+ESTABLISHED: Final = "Sta6"
+"""Its state in which an association is ready for instances."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,7 @@ class Storing:
 
     def _read(self) -> None:
         """Read one PDU."""
-        if self._association.dul.state_machine.current_state == "Sta6":
+        if self._association.dul.state_machine.current_state == ESTABLISHED:
             try:
                 kind, length = PDU_HEADER.unpack(self._connection.peek(PDU_HEADER.size))
                 if kind == DATA_TRANSFER:
@@ -111,7 +113,7 @@ class Storing:
                     self._data(self._connection.take(length))
                     return
             except OSError:
-                self._association.dul.event_queue.put("Evt17")  # the connection is closed
+                self._association.dul.event_queue.put(CLOSED)
                 return
             except _InvalidError:
                 self._association.dul.event_queue.put(INVALID_PDU)

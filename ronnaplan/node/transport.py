@@ -21,7 +21,7 @@ from pynetdicom.fsm import AA_4
 from pynetdicom.presentation import PresentationContext
 from pynetdicom.transport import AssociationSocket, RequestHandler, ThreadedAssociationServer
 
-from ronnaplan.node.storing import Storage, Storing
+from ronnaplan.node.storing import CLOSED, Storage, Storing
 from ronnaplan.node.waking import LONGEST_SLEEP_S, Bell, let_sleep
 
 LARGEST_PDU = 128 << 10
@@ -102,7 +102,7 @@ class BoundedSocket(AssociationSocket):
         try:
             return self.bell.wait(connection, LONGEST_SLEEP_S if self.event_queue.empty() else 0.0)
         except (OSError, ValueError):  # closed
-            self.event_queue.put("Evt17")
+            self.event_queue.put(CLOSED)
             return False
 
     def peek(self, count: int) -> memoryview:
