@@ -54,6 +54,9 @@ FLAGS = (
     *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
 )
 
+TELL = "([name, args]) => window.trame.trigger(name, args)"
+"""Has the planner do something, and waits until it is done."""
+
 DRAWN = """async ([name, key, args]) => {
   const read = () => key === 'axial' ? document.querySelector('canvas[data-picture=axial]').dataset.number
                                      : JSON.stringify(window.trame.state.get('drawn_axial').paths);
@@ -190,23 +193,21 @@ def scrolled(page: Any, steps: int) -> tuple[float, float]:
 def windowed(page: Any, steps: int) -> tuple[float, float]:
     """The same of a step of the window's level in the axial view."""
     size = [600, 600]
-    tell = "([name, args]) => window.trame.trigger(name, args)"
-    page.evaluate(tell, ["press", ["axial", 300, 300, *size, RIGHT_BUTTON, False]])
+    page.evaluate(TELL, ["press", ["axial", 300, 300, *size, RIGHT_BUTTON, False]])
     found = medians(page, [["move", "axial", ["axial", 300 + n, 300, *size]] for n in range(1, steps + 1)])
-    page.evaluate(tell, ["release", ["axial"]])
+    page.evaluate(TELL, ["release", ["axial"]])
     return found
 
 
 def dragged(page: Any, steps: int) -> tuple[float, float]:
     """The same of one move of a trajectory's target."""
-    tell = "([name, args]) => window.trame.trigger(name, args)"
     size = [300, 300]
-    page.evaluate(tell, ["key", ["a"]])
-    page.evaluate(tell, ["press", ["axial", 200, 150, *size, 0, False]])
-    page.evaluate(tell, ["press", ["axial", 150, 160, *size, 0, False]])
-    page.evaluate(tell, ["press", ["axial", 150, 160, *size, 0, False]])
+    page.evaluate(TELL, ["key", ["a"]])
+    page.evaluate(TELL, ["press", ["axial", 200, 150, *size, 0, False]])
+    page.evaluate(TELL, ["press", ["axial", 150, 160, *size, 0, False]])
+    page.evaluate(TELL, ["press", ["axial", 150, 160, *size, 0, False]])
     found = medians(page, [["move", "target", ["axial", 150 + n % 40, 160, *size]] for n in range(1, steps + 1)])
-    page.evaluate(tell, ["release", ["axial"]])
+    page.evaluate(TELL, ["release", ["axial"]])
     return found
 
 

@@ -35,6 +35,8 @@ SUPINE = np.array([[0.0, 0, -1], [1, 0, 0], [0, -1, 0]])
 HEAD_MM, TURN_DEG = np.array([1045.0, -25, 250]), 8.0
 """The middle of the head's markers in R, and the turn of the robot at the crown: near what `robot place` finds."""
 PIVOT_POSES, HAND_EYE_POSES, REST_FRAMES, BOARDS, LOOKS = 150, 40, 20, 7, 9
+SESSION_SEED = 7
+"""Draws the session that is written; another one has other poses."""
 READING_SD_MM, ROBOT_SD_MM, ROBOT_SD_DEG = 0.1, 0.03, 0.01
 
 
@@ -141,9 +143,9 @@ class Session:
         return left, right
 
 
-def write_session(case: Path, out: Path, seed: int = 7) -> None:
+def write_session(case: Path, out: Path) -> None:
     """Write all recordings of a session about the phantom in ``case`` to the new folder ``out``."""
-    session = Session.of_case(case, seed)
+    session = Session.of_case(case, SESSION_SEED)
     out.mkdir(parents=True)
     head, beside = session.head_mm, session.beside_mm
     pivoting = [session.about(beside, 35) for _ in range(PIVOT_POSES)]

@@ -40,7 +40,7 @@ _VIRTUAL: Final = frozenset(
 
 
 @lru_cache(64)  # all slices of a series say the same
-def why_not_slices(image_type: tuple[str, ...], technique: str = "", description: str = "") -> str | None:
+def why_not_slices(image_type: tuple[str, ...], technique: str, description: str) -> str | None:
     """Return why an image is no slice of the patient, so that nothing in it may be measured, or None.
 
     ``technique`` is the Volume Based Calculation Technique of a multi-frame file.
@@ -49,7 +49,7 @@ def why_not_slices(image_type: tuple[str, ...], technique: str = "", description
     return next((reason for reason, telling in _NEVER_SLICES.items() if telling & words), None)
 
 
-def flags_of(image_type: tuple[str, ...], technique: str = "", description: str = "") -> tuple[VolumeFlag, ...]:
+def flags_of(image_type: tuple[str, ...], technique: str, description: str) -> tuple[VolumeFlag, ...]:
     """Return the reasons to doubt an image that was computed from others."""
     words = _words(image_type, technique, description)
     doubts = {

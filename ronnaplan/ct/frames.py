@@ -24,7 +24,7 @@ from ronnaplan.ct.header import (
     Elements,
     element_name,
 )
-from ronnaplan.ct.slices import CT_ONLY, MULTI_FRAME_CLASSES, Instance, PixelFormat, SliceImage
+from ronnaplan.ct.slices import MULTI_FRAME_CLASSES, Instance, PixelFormat, SliceImage
 from ronnaplan.ct.values import Vector, number_or_none, numbers, text, values
 
 _KINDS: Final = {
@@ -53,7 +53,7 @@ _HU_NAMES: Final = frozenset({"", "HU", "US", "HOUNSFIELD", "HOUNSFIELD UNIT", "
 """Rescale types taken for HU. ``US`` (unspecified) is the standard's default for a CT; some spell it out."""
 
 
-def why_not_scan(instance: Instance, kinds: Mapping[str, frozenset[str]] = CT_ONLY) -> str | None:
+def why_not_scan(instance: Instance, kinds: Mapping[str, frozenset[str]]) -> str | None:
     """Return why a file cannot be a part of a volume of the modalities and classes in ``kinds``, or None."""
     if instance.sop_class in _KINDS:
         return _KINDS[instance.sop_class]

@@ -17,7 +17,7 @@ from ronnaplan.ct.files import DamagedError, open_regular
 from ronnaplan.ct.grid import SliceGrid, require_grid
 from ronnaplan.ct.image_header import ImageHeader, StoredVoxels
 from ronnaplan.ct.image_voxels import UNPACKING_ERRORS, read_voxels, unpacked
-from ronnaplan.ct.limits import DEFAULT_LIMITS, GIB, Limits
+from ronnaplan.ct.limits import GIB, Limits
 from ronnaplan.ct.metaimage import meta_header
 from ronnaplan.ct.nifti import nifti_header
 from ronnaplan.ct.nrrd import nrrd_header
@@ -63,9 +63,7 @@ class ImageFile:
         return (VolumeFlag.NO_FRAME_OF_REFERENCE, *sheared)
 
 
-def open_image(
-    path: Path, limits: Limits = DEFAULT_LIMITS, modalities: Collection[str] = tuple(CT_ONLY)
-) -> ImageFile:
+def open_image(path: Path, limits: Limits, modalities: Collection[str] = tuple(CT_ONLY)) -> ImageFile:
     """Read the header of an image file of one of ``modalities``; raises `InputError` for what it leaves open."""
     try:
         header = _header(path, limits)

@@ -24,7 +24,7 @@ SIDES: Final = {
 
 
 def seen_from(
-    state: PlannerState, camera: Camera | None, panes: dict[str, Pane], reach_mm: float = 0.0
+    state: PlannerState, camera: Camera | None, panes: dict[str, Pane], reach_mm: float
 ) -> dict[str, Any]:
     """Return eye, cube and opening as the page takes them, in LPS mm; empty until there is a camera.
 

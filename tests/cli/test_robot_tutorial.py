@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from phantoms.robot_session import Session
+from phantoms.robot_session import SESSION_SEED, Session
 from ronnaplan.cli import main
 from ronnaplan.documents.placement import read_placement
 from ronnaplan.documents.template import read_template_document
@@ -61,7 +61,7 @@ def test_every_command_of_the_page_does_what_it_says(
     assert len(read_template_document(tmp_path / "template.json").labels) == 4
     assert (tmp_path / "template.stl").stat().st_size > 10_000
     assert "the tracker stands at" not in told
-    session = Session.of_case(ROOT / "data" / "synthetic_ct", 7)
+    session = Session.of_case(ROOT / "data" / "synthetic_ct", SESSION_SEED)
     chain = parked_chain(placed.source.model_dump(), session.robot_from_ots @ session.ots_from_ct)
     (tmp_path / "chain.json").write_text(json.dumps(chain))
     (place,) = (line for line in run if "placement.json" in line)
