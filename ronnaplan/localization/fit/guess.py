@@ -87,6 +87,16 @@ def first_guess(
     around: Neighbourhood, diameter_mm: float, build: Build, thickness_mm: float, ceiling_hu: float
 ) -> FloatArray:
     """First guess: the stated size, the candidate's center, and levels read off the inside and the outside."""
+    high, low = _levels(around, diameter_mm, build)
+    contrast = max(high - low, 1.0) * (CLIPPED_START if high >= ceiling_hu else 1.0)
+    layer = [-contrast if build.wall_mm else 0.0] if build.layer_mm else []
+    streaks = [0.0] * len(STREAK_PARAMETERS) if contrast > METAL_HU else []
+    ball = [0, 0, 0, diameter_mm / 2, TYPICAL_BLUR_MM, 0.0, thickness_mm, SHAPE_PRIOR[0], contrast, low]
+    return np.array([*ball, 0, 0, 0, *layer, *streaks], np.float64)
+
+
+def _levels(around: Neighbourhood, diameter_mm: float, build: Build) -> tuple[float, float]:
+    """Return how bright (HU) the ball itself, or a hollow one's wall, is where it can be told, and the background."""
     u, v, w = around.offsets_mm.T
     distance = np.sqrt(u * u + v * v + w * w)
     shell_mm = np.array(MIDWAY) * diameter_mm
@@ -101,11 +111,7 @@ def first_guess(
     else:
         high = float(np.quantile(inside, WALL_QUANTILE) if build.wall_mm else np.median(inside))
     low = float(np.quantile(outside, BACKGROUND_QUANTILE)) if outside.size else float(around.values_hu.min())
-    contrast = max(high - low, 1.0) * (CLIPPED_START if high >= ceiling_hu else 1.0)
-    layer = [-contrast if build.wall_mm else 0.0] if build.layer_mm else []
-    streaks = [0.0] * len(STREAK_PARAMETERS) if contrast > METAL_HU else []
-    ball = [0, 0, 0, diameter_mm / 2, TYPICAL_BLUR_MM, 0.0, thickness_mm, SHAPE_PRIOR[0], contrast, low]
-    return np.array([*ball, 0, 0, 0, *layer, *streaks], np.float64)
+    return high, low
 
 
 def first_guesses(start: FloatArray, pixel_mm: float) -> list[FloatArray]:
