@@ -55,6 +55,12 @@ def test_no_process_loads_what_another_one_is_for() -> None:
     assert {"pydicom", "pynetdicom"} <= receiver
 
 
+def test_what_draws_answers_loads_no_compiler() -> None:
+    """It takes the place of what found the markers, and as much memory as that for its own libraries."""
+    code = "import sys, ronnaplan.report.contact, ronnaplan.report.quality; sys.exit('numba' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
 def test_the_voxels_are_gone_before_what_needs_none_is_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -55,10 +55,14 @@ def _pole_nodes(count: int) -> tuple[FloatArray, FloatArray]:
     return (nodes + 1.0) / 2.0, weights / 2.0
 
 
+_half_mm = njit(cache=True)(profile_half_mm)
+"""Compiled here: whoever reads parameters only, as what draws answers does, loads no compiler."""
+
+
 @njit(cache=True)
 def slice_profile(width: float, shape: float) -> tuple[float, float, float]:
     """Half the profile's support (mm), its height in the middle (1/mm), and its mean of log(1 - x^2)."""
-    half = profile_half_mm(width, shape)
+    half = _half_mm(width, shape)
     mass = math.lgamma(shape + 1.0) - math.lgamma(shape + 1.5)
     above = math.lgamma(shape + 1.0 + _STEP) - math.lgamma(shape + 1.5 + _STEP)
     below = math.lgamma(shape + 1.0 - _STEP) - math.lgamma(shape + 1.5 - _STEP)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 
 PARAMETERS = (
@@ -45,7 +44,6 @@ GAUSSIAN_QUARTILE, HALVINGS = 0.6744897501960817, 40
 halvings of an interval that is found for other edges."""
 
 
-@njit(cache=True)
 def profile_half_mm(width_mm: float, shape: float) -> float:
     """Half the length over which a slice of this profile sees anything."""
     return 0.5 * width_mm * math.sqrt((2.0 * shape + 3.0) / 3.0)
