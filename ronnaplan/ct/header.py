@@ -30,8 +30,7 @@ _LONG_FORMS: Final = frozenset(
 )
 _UNDEFINED: Final = 0xFFFFFFFF
 _FIRST_READ_BYTES: Final = 1 << 15
-_PREAMBLE_BYTES: Final = 128
-_META_START: Final = _PREAMBLE_BYTES + len(b"DICM")
+_PREAMBLE_BYTES, _META_START = 128, 128 + len(b"DICM")
 _SHORT_HEAD_BYTES, _LONG_HEAD_BYTES = 8, 12
 """What stands before an element's value: tag and length, and where its form is one of `_LONG_FORMS` more of it."""
 _ITEM_GROUP: Final = 0xFFFE  # without value representation in any transfer syntax (PS3.5, section 7.5)
