@@ -85,7 +85,7 @@ def _by_tracker(arguments: argparse.Namespace) -> ChainDocument:
     from ronnaplan.errors import InputError
     from ronnaplan.robot.chain import Capture, M
     from ronnaplan.robot.hand_eye import SAME_POSES
-    from ronnaplan.robot.recorded import resting_matrix, robot_pose, seen_tool, tool_poses
+    from ronnaplan.robot.recorded import MovedError, resting_matrix, robot_pose, seen_tool, tool_poses
     from ronnaplan.tracking import read_recording
 
     registration, hand_eye = read_registration(arguments.registration), read_hand_eye(arguments.hand_eye)
@@ -94,8 +94,11 @@ def _by_tracker(arguments: argparse.Namespace) -> ChainDocument:
     tracker = _only(read_recording(arguments.tracker), arguments.frame)
     robot = _only(read_recording(arguments.robot), arguments.frame)
     tool = arguments.tool or (hand_eye.tool if hand_eye.tool in tracker.tool_names else None)
-    driven = resting_matrix(tool_poses(robot), "the robot")
-    seen = seen_tool(tracker, geometry, tool=tool, sigma_mm=arguments.sigma_ots)
+    try:
+        driven = resting_matrix(tool_poses(robot), "the robot")
+        seen = seen_tool(tracker, geometry, tool=tool, sigma_mm=arguments.sigma_ots)
+    except MovedError as error:
+        raise MovedError(f"{error}, or name one frame (--frame)") from error
     if np.abs(seen.matrix - driven).max() < SAME_POSES:
         raise InputError(
             f"{arguments.tracker} and {arguments.robot} tell the same pose; expected the tool's in the tracker and the "

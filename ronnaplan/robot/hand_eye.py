@@ -163,6 +163,12 @@ def _contradiction(
         if _agree(_refine(*rest, *closed_form(*rest))):
             which, advice = which_are_far(frames, np.flatnonzero(far).tolist())
             return f"{said}: {which}; {advice}"
+    inverted = invert(seen)
+    if _agree(_refine(inverted, driven, *closed_form(inverted, driven))):
+        return (
+            f"{said}, but agree once those of either are inverted; check which are not tracker from tool, or robot "
+            "from TCP"
+        )
     return f"{said}; record both at the same moments, as tracker from tool and robot from TCP"
 
 

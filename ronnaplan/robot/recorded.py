@@ -21,6 +21,10 @@ STILL_MM, STILL_DEG = 0.5, 0.5
 """Poses of something that rests scatter less about their mean than this: a tracker's noise, no movement."""
 
 
+class MovedError(RefusedError):
+    """What was to rest moved while it was recorded."""
+
+
 def tool_poses(recording: Recording, tool: str | None = None) -> dict[int, FloatArray]:
     """Return the usable poses (4, 4) of ``tool`` by the number of their frame, in the order of these.
 
@@ -87,7 +91,7 @@ def simultaneous(
 
 
 def resting_matrix(poses: dict[int, FloatArray], what: str) -> FloatArray:
-    """Return the mean (4, 4) of poses of ``what`` that did not move; raises `RefusedError` where it did."""
+    """Return the mean (4, 4) of poses of ``what`` that did not move; raises `MovedError` where it did."""
     from scipy.spatial.transform import Rotation
 
     matrices = np.array(list(poses.values()))
@@ -98,9 +102,9 @@ def resting_matrix(poses: dict[int, FloatArray], what: str) -> FloatArray:
     off_mm = float(np.sqrt(((matrices[:, :3, 3] - mean[:3, 3]) ** 2).sum(axis=1).mean()))
     off_deg = float(np.degrees(np.sqrt(((middle.inv() * turns).magnitude() ** 2).mean())))
     if off_mm > STILL_MM or off_deg > STILL_DEG:
-        raise RefusedError(
+        raise MovedError(
             f"{what} moved while it was recorded: its poses scatter by {off_mm:.2f} mm and {off_deg:.2f} degrees RMS, "
-            f"expected at most {STILL_MM:g} mm and {STILL_DEG:g} degrees; let it rest, or name one frame"
+            f"expected at most {STILL_MM:g} mm and {STILL_DEG:g} degrees; let it rest"
         )
     return mean
 

@@ -332,6 +332,7 @@ def test_what_does_not_belong_together_is_refused(home: Path, capsys: pytest.Cap
     status, text = told("chain", *by_tracker, "--geometry", session / "tool.json", *moved)
     assert status == 3
     assert "moved while it was recorded" in text
+    assert "let it rest, or name one frame (--frame)" in text
     other = read(home / "hand-eye.json")
     (home / "other.json").write_text(json.dumps({**other, "tool": "another"}))
     by_tracker = ("--registration", home / "registration.json", "--hand-eye", home / "other.json")

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.errors import InputError, RefusedError
+from ronnaplan.pose import invert
 from ronnaplan.robot.hand_eye import calibrate_hand_eye
 from tests.robot.test_orientation import hand_eye_poses, matrix
 
@@ -55,3 +56,15 @@ def test_frames_that_do_not_number_the_poses_are_refused() -> None:
     seen, driven, *_ = hand_eye_poses(7, 8, 1e-3, 0.2)
     with pytest.raises(InputError, match="2 frames were given for 8 poses"):
         calibrate_hand_eye(seen, driven, frames=[1, 2])
+
+
+@pytest.mark.parametrize("which", ["tracker", "robot"])
+def test_one_recording_the_other_way_round_is_told(which: str) -> None:
+    seen, driven, *_ = hand_eye_poses(7, 40, 1e-3, 0.2)
+    given = (invert(seen), driven) if which == "tracker" else (seen, invert(driven))
+    with pytest.raises(
+        RefusedError, match=r"contradict each other .*, but agree once those of either are inverted"
+    ):
+        calibrate_hand_eye(*given)
+    with pytest.raises(RefusedError, match=r"10; record both at the same moments"):
+        calibrate_hand_eye(seen, driven[::-1])

@@ -174,7 +174,9 @@ def test_what_is_hidden_or_moving_is_not_judged(room: LiveRoom) -> None:
     away = replace(room, robot_from_tcp=room.robot_from_tcp @ placed(Rotation.identity(), np.array([0, 40.0, 0])))
     moving = replace(whole, tools=whole.tools + recording(away).tools)
     moving = replace(moving, tools=tuple(replace(one, frame=k) for k, one in enumerate(moving.tools)))
-    assert chain.judge(moving).status is LiveStatus.MOVING
+    moment = chain.judge(moving)
+    assert moment.status is LiveStatus.MOVING
+    assert moment.why.endswith("let it rest")  # nobody can name one frame of a stream
 
 
 def test_tools_of_several_systems_are_not_taken_for_the_trackers(room: LiveRoom) -> None:
