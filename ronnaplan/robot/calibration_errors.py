@@ -4,7 +4,7 @@ The cameras are those that fit a board's corners best, so that the corners' nois
 normal matrix (the Jacobian's square) of that fit. How long the squares are is known to a stated part: it makes all
 distances wrong alike. Lenses are no polynomials: what the cameras' model lacks makes them wrong, too, where boards
 were seen, and more where they were not. So a lens may bend otherwise by any smooth field in its image, as large as the
-corners' residuals tell.
+corners' residuals tell; and as far as it bends aside it may be a prism, for which the model has it decentered.
 
 All errors are those of places against the boards': where the boards as a whole seem to be is where the rig is, and a
 motion that cameras and boards share is none. `calibrate_tcp` finds that motion, by the same cameras.
@@ -20,7 +20,17 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray, rms_mm
 from ronnaplan.robot.board import grid_mm
-from ronnaplan.robot.calibration_fit import CAMERAS, FIELDS, FREE, ORDERS, Fit, fields_of, shown_by, told_by
+from ronnaplan.robot.calibration_fit import (
+    CAMERAS,
+    FIELDS,
+    FREE,
+    IS_PRISM,
+    ORDERS,
+    Fit,
+    fields_of,
+    shown_by,
+    told_by,
+)
 from ronnaplan.robot.camera import Boards, Camera, StereoRig
 
 RING = np.linspace(0, 2 * np.pi, 24, endpoint=False)
@@ -46,9 +56,9 @@ class CalibrationErrors:
     covariance: FloatArray
     """(30, 30) by the noise of the boards' corners, their shape left open, and by the side of their squares."""
     followed: FloatArray
-    """(30, 2 F): how both cameras follow fields of 1 pixel by which their lenses bend otherwise, F of each camera."""
-    field_px: float
-    """Standard deviation of each field."""
+    """(30, 2 F): how both cameras follow the fields by which their lenses bend otherwise, F of each camera."""
+    sds: FloatArray
+    """(2 F): standard deviation of each field; of a prism all that bends aside."""
 
     def of_places(
         self, rig: StereoRig, center_mm: FloatArray, across: Sequence[FloatArray], radius_mm: float
@@ -60,8 +70,8 @@ class CalibrationErrors:
             by_camera, by_field = _shifts(camera, center_mm, axes, radius_mm)
             moved[rows, FREE * k : FREE * (k + 1)] = by_camera
             bent[rows, FIELDS * k : FIELDS * (k + 1)] = by_field
-        bent += moved @ self.followed
-        return np.asarray(moved @ self.covariance @ moved.T + self.field_px**2 * bent @ bent.T)
+        bent = (bent + moved @ self.followed) * self.sds
+        return np.asarray(moved @ self.covariance @ moved.T + bent @ bent.T)
 
     def of_center(self, rig: StereoRig, center_mm: FloatArray, radius_mm: float) -> FloatArray:
         """Return the covariance (3, 3) of a sphere's center that both images put where they see it."""
@@ -86,8 +96,8 @@ def errors_of(rig: StereoRig) -> CalibrationErrors | None:
     told = told_by(Fit((rig.left, rig.right), boards.corners, grid, boards.rig_from_board, unknown))
     noise = boards.error_px**2 * told.inverse[:CAMERAS, :CAMERAS]
     scaled = _scaled(rig, boards.rig_from_board @ np.append(grid.mean(axis=0), 1.0)) * boards.sigma_square
-    field_px = boards.lens_px / float(np.sqrt(len(ORDERS)))
-    return CalibrationErrors(noise + np.outer(scaled, scaled), told.followed[:CAMERAS], field_px)
+    sds = np.where(IS_PRISM, 1.0, boards.lens_px / np.sqrt(len(ORDERS)))
+    return CalibrationErrors(noise + np.outer(scaled, scaled), told.followed[:CAMERAS], sds)
 
 
 def with_exact_squares(rig: StereoRig) -> StereoRig:
@@ -136,12 +146,13 @@ def judged(fit: Fit, square_mm: float, sigma_square: float) -> Boards:
     as they do, and one standard error of that more.
     """
     told = told_by(fit)
-    values, axes = np.linalg.eigh(told.lens)
+    lens, lens_misfit = told.lens[np.ix_(~IS_PRISM, ~IS_PRISM)], told.lens_misfit[~IS_PRISM]
+    values, axes = np.linalg.eigh(lens)
     is_told = values > UNTOLD * values[-1]
-    explained = float((((axes.T @ told.lens_misfit)[is_told]) ** 2 / values[is_told]).sum())
+    explained = float((((axes.T @ lens_misfit)[is_told]) ** 2 / values[is_told]).sum())
     variance = (told.misfit - explained) / (told.free - int(is_told.sum()))
     square = float((values**2).sum())
-    larger = float(told.lens_misfit @ told.lens_misfit) - variance * float(values.sum())
+    larger = float(lens_misfit @ lens_misfit) - variance * float(values.sum())
     fields = (max(larger, 0.0) + variance * np.sqrt(2 * square)) / square
     error_px, lens_px = float(np.sqrt(variance)), float(np.sqrt(fields * len(ORDERS)))
     return Boards(fit.corners, square_mm, fit.rig_from_board, error_px, lens_px, sigma_square)

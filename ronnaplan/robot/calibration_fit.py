@@ -22,8 +22,10 @@ LENS_ORDER = 4
 ORDERS = np.array([(i, j) for i in range(LENS_ORDER + 1) for j in range(LENS_ORDER + 1 - i)])
 FREE = 15
 """Numbers of a camera: focal lengths and middle (4), distortion (5), and the motion of its place in the rig (6)."""
-FIELDS = 2 * len(ORDERS)
-"""Of one camera: of x and of y."""
+FIELDS = 2 * len(ORDERS) + 1
+"""Of one camera: waves of x and of y, then its prism."""
+IS_PRISM = np.tile(np.arange(FIELDS) == FIELDS - 1, 2)
+"""Of the fields of both cameras."""
 CAMERAS = 2 * FREE
 """Numbers of the left camera, then of the right; what is fitted holds those of the board's shape after these."""
 BOARD_STEPS = 6
@@ -106,7 +108,7 @@ def told_by(fit: Fit) -> Told:
     by_shape = shapes(fit.corners)
     count = CAMERAS + by_shape.shape[2]
     total = np.zeros((count + 2 * FIELDS + 1,) * 2)
-    held = np.zeros((6, count))
+    held = np.zeros((6, total.shape[0]))
     for place, residual in zip(fit.rig_from_board, fit.residuals_px, strict=True):
         points = fit.grid_mm @ place[:3, :3].T + place[:3, 3]
         carried, bent = point_jacobian(points), place[:3, :3] @ by_shape
@@ -124,17 +126,27 @@ def told_by(fit: Fit) -> Told:
         follows = np.linalg.lstsq(base, flat, rcond=None)[0]
         flat = flat - base @ follows
         total += flat.T @ flat
-        held -= np.einsum("kij,kil->jl", carried, carried) @ follows[:, :count]
-        held[:, CAMERAS:] += np.einsum("kij,kil->jl", carried, bent)
-    inverse = _held_inverse(total[:count, :count], held)
+        held -= np.einsum("kij,kil->jl", carried, carried) @ follows
+        held[:, CAMERAS:count] += np.einsum("kij,kil->jl", carried, bent)
+    inverse = _held_inverse(total[:count, :count], held[:, :count])
     followed = inverse @ total[:count, count:]
     left = total[count:, count:] - total[count:, :count] @ followed
+    prisms = np.flatnonzero(IS_PRISM)  # what waves move all boards by stays counted, as their size is guessed
+    followed[:, prisms] += _with_boards(held[:, :count], held[:, count + prisms])
     step = followed[:, -1]
     moved_px = float(np.sqrt(max(float(step @ total[:count, -1]), 0.0) / fit.residuals_px.size))
     free = fit.residuals_px.size - 6 * len(fit.rig_from_board) - (count - 6)
     return Told(
         inverse, followed[:, :-1], step, left[:-1, :-1], left[:-1, -1], float(left[-1, -1]), moved_px, free
     )
+
+
+def _with_boards(held: FloatArray, moved: FloatArray) -> FloatArray:
+    """Return how both cameras move together (P, C) with boards that fields have ``moved`` (6, C) as a whole."""
+    together = np.zeros((held.shape[1], 6))
+    for k in (1, 2):
+        together[FREE * k - 6 : FREE * k] = np.eye(6)
+    return np.asarray(together @ np.linalg.solve(held @ together, moved))
 
 
 def _held_inverse(normal: FloatArray, held: FloatArray) -> FloatArray:
@@ -197,10 +209,16 @@ def shown_by(camera: Camera, points_mm: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def fields_of(camera: Camera, pixels: FloatArray) -> FloatArray:
-    """Return by how much fields of 1 pixel RMS shift ``pixels`` (N, 2): (N, 2, F)."""
+    """Return by how much fields shift ``pixels`` (N, 2): (N, 2, F), waves of 1 pixel RMS, and as a prism does.
+
+    A lens that bends aside is decentered or a prism, which boards hardly tell apart: the camera turned a little makes
+    one of the other. The model has all of it as decentering, so the prism is as large as that.
+    """
     phases = np.pi * (pixels + 0.5) / np.array(camera.size_px)
     waves = np.cos(phases[:, None, :] * ORDERS) * np.sqrt(1 + (ORDERS > 0))
-    field = waves.prod(axis=2)
-    shifts = np.zeros((len(pixels), 2, 2, len(ORDERS)))
-    shifts[:, 0, 0], shifts[:, 1, 1] = field, field
-    return shifts.reshape(len(pixels), 2, FIELDS)
+    shifts = np.zeros((len(pixels), 2, FIELDS))
+    shifts[:, 0, : len(ORDERS)] = shifts[:, 1, len(ORDERS) : -1] = waves.prod(axis=2)
+    focal = np.diag(camera.matrix)[:2]
+    out = (pixels - camera.matrix[:2, 2]) / focal
+    shifts[:, :, -1] = (out**2).sum(axis=1)[:, None] * camera.distortion[[3, 2]] * focal
+    return shifts

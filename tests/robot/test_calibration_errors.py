@@ -113,11 +113,11 @@ def test_cameras_calibrated_again_scatter_as_one_calibration_states(monkeypatch:
 
 
 def test_lenses_that_bend_otherwise_are_told_by_the_boards_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The Jacobian alone does not see it."""
+    """The Jacobian alone does not see it, nor do residuals, of which a bent board takes a part, tell all of it."""
     found = calibrated(monkeypatch, np.random.default_rng(9), prism_px=0.8)
     assert found.boards.lens_px > NOISE_PX
     assert re.search(
-        r"off by 0\.0\d\d pixels in smooth fields, .* noise of 0\.020: the board is wavy", found.doubts()[0]
+        r"off by 0\.0\d\d pixels in smooth fields, .* noise of 0\.020: the board is wavy", found.doubts()[-1]
     )
     assert found.boards.error_px == pytest.approx(NOISE_PX, rel=0.1)
     errors = located(found, prism_px=0.8) - PLACES
@@ -127,7 +127,7 @@ def test_lenses_that_bend_otherwise_are_told_by_the_boards_and_counted(monkeypat
         for each in (found, alone)
     )
     assert without > 8
-    assert with_lens < 3
+    assert with_lens < 2  # 2.6 where all that bends aside is held to be decentered
 
 
 def test_a_board_of_another_size_than_told_is_counted_as_far_as_it_is_said_to_be(
