@@ -21,6 +21,7 @@ from ronnaplan.planner.opening import seen_from
 from ronnaplan.planner.over_cut import over_cut
 from ronnaplan.planner.over_head import over_head
 from ronnaplan.planner.panes import GREATEST_RATIO, MOST_MOVING_PIXELS, MOST_STILL_PIXELS, Pane
+from ronnaplan.planner.pixels import Pixel
 from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.regions import region_rows
 from ronnaplan.planner.shown import Shown
@@ -58,6 +59,8 @@ class Painter:
         self._drawn: dict[str, _Drawn] = {}
         self._values: dict[str, tuple[tuple[Any, ...], NDArray[np.float32]]] = {}
         self._resting: asyncio.TimerHandle | None = None
+        self._pointed: tuple[str, Pixel | None] = (HEAD, None)
+        """The view and the place in it that is pointed at, None for the crosshair, by keyboard."""
 
     def take_size(self, view: str, width: Pixels, height: Pixels, ratio: float, em: Pixels) -> None:
         """Take how large the page shows a view, and its letters; it is drawn so large when all are known."""
@@ -119,11 +122,10 @@ class Painter:
         if chosen is not None and (self.measured() or state.case.surroundings.knows(chosen, plan)):
             judged = state.case.judge(chosen)
         self.shown["chosen"] = panels.chosen_path(state, judged)
-        if self.measured():
-            self.head.update(plan)
-            self.shown["volume"] = {} if self.pictures else self.head.drawn_whole
-            self.shown["things"] = self.head.scene.listed if self.head.scene else []
-            self.shown["picture_head"] = self.head.picture(self._shape(HEAD)) if self.pictures else None
+        self.head.update(plan)
+        self.shown["volume"] = {} if self.pictures else self.head.drawn_whole
+        self.shown["things"] = self.head.scene.listed if self.head.scene else []
+        self.shown["picture_head"] = self.head.picture(self._shape(HEAD)) if self.pictures else None
 
     def refresh_views(self) -> None:
         """Draw the cuts, what lies over the 3-D picture, and how one looks."""
@@ -132,6 +134,20 @@ class Painter:
             self.shown[f"picture_{view}"] = self._picture(view)
         self.refresh_head()
         self.shown["look"] = self._look()
+        self._tell_pointed()
+
+    def point(self, view: str, at: Pixel | None) -> None:
+        """Tell from now on what lies at a place in a view; at the crosshair, and aloud, where ``at`` is None."""
+        self._pointed = (view, at)
+        self._tell_pointed()
+
+    def _tell_pointed(self) -> None:
+        """Tell the HU where one points, and where that is: cuts go on beneath a pointer that rests."""
+        (view, at), look, told = self._pointed, self.state.look, ""
+        if view in CUTS and (view in STANDARD or look.chosen is not None):
+            place = look.crosshair_mm if at is None else at.place_mm(look.cut(view))
+            told = panels.place_line(self.state, place)
+        self.shown.update({"under": told, "spoken": told if at is None else ""})
 
     def refresh_head(self) -> None:
         """Draw what lies over the 3-D view, and tell from where it is seen."""

@@ -9,13 +9,12 @@ from functools import partial
 from typing import Any
 
 from ronnaplan.errors import RonnaplanError, UsageError
-from ronnaplan.planner import panels
 from ronnaplan.planner.actions import Actions, key_actions
 from ronnaplan.planner.arguments import Pixels, checked
-from ronnaplan.planner.cuts import HEAD, STANDARD
+from ronnaplan.planner.cuts import HEAD
 from ronnaplan.planner.head_actions import HeadActions
 from ronnaplan.planner.head_view import HeadView
-from ronnaplan.planner.painter import CUTS, Painter
+from ronnaplan.planner.painter import Painter
 from ronnaplan.planner.pixels import Pixel
 from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.shown import OWN, Send, Shown
@@ -64,8 +63,6 @@ class Tab:
         self.pointer = Pointer(state)
         self.painter = Painter(state, self.shown, self.pointer, self.head, measured)
         self._others = others
-        self._pointed: tuple[str, Pixel | None] = (HEAD, None)
-        """The view and the place in it that is pointed at, None for the crosshair, by keyboard."""
         self._following: asyncio.Task[None] | None = None
         self._keeping: asyncio.TimerHandle | None = None
         self.unkept: RonnaplanError | None = None
@@ -144,10 +141,8 @@ class Tab:
             self._keep_soon()
             if scrolls and self.state.case.plan is before:
                 self.painter.refresh_views()  # the panels follow when it rests
-                self._tell_pointed()
                 return
             self.painter.refresh()
-            self._tell_pointed()
             self._others(self)
 
         return answer
@@ -223,21 +218,11 @@ class Tab:
 
     def _hover(self, view: str, x: Pixels, y: Pixels, width: Pixels, height: Pixels) -> None:
         """Tell what is under the pointer."""
-        self._pointed = (view, Pixel(x, y, width, height))
-        self._tell_pointed()
+        self.painter.point(view, Pixel(x, y, width, height))
 
     def _point_at_crosshair(self, view: str) -> None:
         """Tell from now on, and aloud, what lies at the crosshair: somebody works by keyboard."""
-        self._pointed = (view, None)
-        self._tell_pointed()
-
-    def _tell_pointed(self) -> None:
-        """Tell the HU where one points, and where that is: the slices may have gone on beneath the pointer."""
-        (view, at), look, told = self._pointed, self.state.look, ""
-        if view in CUTS and (view in STANDARD or look.chosen is not None):
-            place = look.crosshair_mm if at is None else at.place_mm(look.cut(view))
-            told = panels.place_line(self.state, place)
-        self.shown.update({"under": told, "spoken": told if at is None else ""})
+        self.painter.point(view, None)
 
     def _press_key(self, key: str) -> None:
         if key not in self._keys:

@@ -11,6 +11,7 @@ from ronnaplan.planner.cuts import sampled
 from ronnaplan.planner.painter import Painter
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.tab import Tab
+from ronnaplan.scene.head import HeadParts
 from tests.loops import run
 
 
@@ -51,3 +52,18 @@ def test_a_trajectory_that_is_measured_is_told_of_while_others_still_are_measure
     tab.painter.refresh()
     assert not tab.shown["chosen"]["measuring"]
     assert (tab.shown["chosen"]["problem"], tab.shown["chosen"]["measures"][0][0]) == ("", "length")
+
+
+def test_the_head_is_drawn_while_trajectories_still_are_measured(state: PlannerState) -> None:
+    """A path stands there at once, its tube as soon as that is known."""
+    tab = Tab(state, lambda _: None, measured=lambda: False)
+    tab.head.open(HeadParts())
+
+    def names() -> set[str]:
+        tab.painter.refresh()
+        return {one["name"] for one in tab.shown["things"]}
+
+    assert {"marker F1", "path left"} <= names()
+    assert "tube left" not in names()
+    state.case.judge(state.case.plan.trajectory("left"))
+    assert "tube left" in names()

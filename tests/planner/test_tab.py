@@ -178,3 +178,19 @@ def test_the_hu_told_are_of_where_one_points_now_and_aloud_only_by_keyboard(stat
         tab.close()
 
     run(use())
+
+
+def test_the_hu_under_a_pointer_that_rests_follow_a_cut_that_another_page_moves(state: PlannerState) -> None:
+    async def use() -> None:
+        here, there = (Tab(state.beside()) for _ in range(2))
+        here.painter.refresh()
+        await here.answer("hover", ("inline", *VIEW, *VIEW))
+        before = here.shown["under"]
+        x, y, z = cases.TARGET_MM + X * 4
+        await there.answer("place", ("left", "target", 0, f"{x}, {y}, {z}"))
+        here.refresh()
+        assert before != here.shown["under"] != ""
+        for tab in (here, there):
+            tab.close()
+
+    run(use())
