@@ -12,7 +12,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.arguments import Steps
 from ronnaplan.planner.cuts import ACROSS, HEAD, PATH_VIEWS
 from ronnaplan.planner.measuring import Measuring
-from ronnaplan.planner.picking import GRAB_PIXELS, Picking
+from ronnaplan.planner.picking import FINGER, GRAB_PIXELS, Picking
 from ronnaplan.planner.pixels import Pixel
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.scene.camera import Camera
@@ -20,9 +20,6 @@ from ronnaplan.scene.cut import Cut
 
 CLICK_PIXELS = 3.0
 """A pointer that moved less between press and release has clicked: an end under it stays where it is."""
-
-FINGER = 2.5
-"""A finger is so many times less exact than a mouse."""
 
 ZOOM_STEP = 1.15
 
@@ -78,7 +75,7 @@ class Pointer:
         """Where the pointer was since it took hold of an end, or of the head."""
         self._in_cut = False
         self._tapped: tuple[str, Pixel] | None = None
-        """Where a finger went down to click a point, until it is lifted: it may be the first of two."""
+        """Where a finger went down to click, until it is lifted or moves: it may be the first of two."""
 
     @property
     def holding(self) -> bool:
@@ -140,8 +137,10 @@ class Pointer:
             self._take(view, at, *held)
         elif view != HEAD:
             self._plane = self.state.look.cut(view)
-            self.picking.in_cut(self._plane, at)
-            self.state.look.jump(at.place_mm(self._plane))
+            if finger:
+                self._tapped = view, at
+            else:
+                self.picking.in_cut(self._plane, at, self._coarse)
 
     def move(self, view: str, at: Pixel) -> None:
         """Move what is held. The plane stays that of the press, so that the view does not slip from under it."""
@@ -156,7 +155,7 @@ class Pointer:
             self._change_window(at)
         if self._tapped is not None and self._slipped(self._tapped[1], at):
             self._tapped = None
-        if self._plane is None:
+        if self._plane is None or self._tapped is not None:
             return
         place = at.place_mm(self._plane)
         if self._held is not None:
@@ -170,7 +169,7 @@ class Pointer:
             self.state.look.jump(place)
 
     def release(self, *, whole: bool = True) -> None:
-        """Let go and keep what was dragged; a click in the 3-D view picks what is under it, a tap clicks a point.
+        """Let go and keep what was dragged; a click in the 3-D view picks what is under it, a tap clicks.
 
         It is not ``whole`` where a second finger came down, which is neither.
         """
@@ -186,7 +185,7 @@ class Pointer:
         if at is not None and held is not None and not in_cut:
             self.state.look.jump(getattr(self.state.case.plan.trajectory(held[0]), f"{held[1]}_mm"))
         elif at is not None and held is None and self.head is not None:
-            self.picking.in_head(self.head.camera, at)
+            self.picking.in_head(self.head.camera, at, self._coarse)
 
     def wheel(self, view: str, steps: float, at: Pixel, *, zoom: bool = False) -> None:
         """Scroll through the slices, zoom about the pointer, or come nearer to the head."""
@@ -239,6 +238,8 @@ class Pointer:
             self.measuring.take(self._clicked_place(view, at))
         elif self.adding:  # Escape may have left both since the finger came down
             self._add(view, at)
+        elif self._plane is not None:
+            self.picking.in_cut(self._plane, at, self._coarse)
 
     def _add(self, view: str, at: Pixel) -> None:
         if view == HEAD and self.state.look.begun_mm is not None:

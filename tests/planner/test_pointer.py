@@ -233,6 +233,38 @@ def test_moving_the_picture_clicks_no_point_and_a_finger_clicks_as_it_is_lifted(
         assert not pointer.begun
 
 
+def test_a_finger_goes_somewhere_as_it_is_lifted_or_slides_and_two_fingers_go_nowhere(state: PlannerState) -> None:
+    marker = state.case.found.fiducials[2]
+    state.look.jump(marker.center)
+    before = state.look.crosshair_mm.copy()
+    pointer, at = Pointer(state), pixel(state, "axial", np.array(marker.center))
+    at = replace(at, x=at.x + 4)
+    pointer.press("axial", at, finger=True)
+    pointer.move("axial", replace(at, x=at.x + 2))
+    pointer.release(whole=False)  # a second finger came down
+    assert (state.look.marker, state.look.crosshair_mm.tolist()) == (None, before.tolist())
+    pointer.press("axial", at, finger=True)
+    pointer.release()
+    assert state.look.marker == marker.label
+    assert state.look.crosshair_mm == pytest.approx(at.place_mm(state.look.cut("axial")))
+    pointer.press("axial", at, finger=True)
+    pointer.move("axial", aside := replace(at, x=at.x + 30))
+    assert state.look.crosshair_mm == pytest.approx(aside.place_mm(state.look.cut("axial")))
+
+
+@pytest.mark.parametrize(("finger", "meant"), [(False, None), (True, "F3")])
+def test_a_finger_may_come_down_beside_a_marker_in_a_cut(
+    state: PlannerState, finger: bool, meant: str | None
+) -> None:
+    center = np.array(state.case.found.fiducials[2].center)
+    state.look.jump(center)
+    at = pixel(state, "axial", center, 200.0, 200.0)  # a phone's: the ball has a radius of 5 pixels
+    pointer = Pointer(state)
+    pointer.press("axial", replace(at, x=at.x + 8), finger=finger)
+    pointer.release()
+    assert state.look.marker == meant
+
+
 def test_clicks_measure_a_distance_and_an_angle_that_are_kept_and_undone(state: PlannerState) -> None:
     pointer, middle = Pointer(state), state.look.crosshair_mm.copy()
     corner, one, other = (middle + np.array(off) for off in ([0.0, 0, 0], [0.0, 0, 30.0], [40.0, 0, 0]))

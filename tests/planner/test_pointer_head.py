@@ -101,6 +101,17 @@ def test_a_click_on_a_marker_selects_it_and_goes_there(state: PlannerState, head
     assert head.turned == []
 
 
+@pytest.mark.parametrize("finger", [False, True])
+def test_a_finger_may_come_down_beside_what_it_means(
+    state: PlannerState, head: Head, pointer: Pointer, finger: bool
+) -> None:
+    marker = state.case.found.fiducials[2]
+    at = pixel(head, np.array(marker.center), (200.0, 200.0))  # a phone's: the ball has a radius of 3 pixels
+    pointer.press(HEAD, Pixel(at.x + 9, at.y, at.width, at.height), finger=finger)
+    pointer.release()
+    assert (state.look.marker == marker.label) is finger
+
+
 def test_of_two_markers_behind_each_other_the_nearer_is_meant(
     state: PlannerState, head: Head, pointer: Pointer
 ) -> None:
