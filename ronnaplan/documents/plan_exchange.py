@@ -36,6 +36,9 @@ NEEDED = CSV_HEADER[:7]
 TABLE_ENDINGS = (".csv", ".txt", ".tsv")
 ENDINGS = {"markups": MARKUPS_ENDINGS, "csv": TABLE_ENDINGS, "contacts": TABLE_ENDINGS}
 """What files must be called where the program that reads them goes by the name."""
+POINTS_ENDING = ".fcsv"
+"""Slicer's older lists of points, of which none holds a line."""
+
 LOCKED = {"": False, "no": False, "false": False, "0": False, "yes": True, "true": True, "1": True}
 
 
@@ -67,13 +70,21 @@ def read_line_markups(
     """Read the lines of a Slicer markups file (.mrk.json).
 
     The file itself says LPS or RAS; a ``system`` that says otherwise is refused. Points labelled ``entry`` and
-    ``target`` are taken as such; for other labels ``first`` must say what the first point is, for tools differ.
+    ``target`` are taken as such; for other labels ``first`` must say what the first point is, for tools differ. A line
+    without a name, as Slicer writes them, is called as the file, as Slicer calls it when it reads that.
     Raises `InputError`.
     """
     lines = [markup for markup in read_markups_file(Path(path)) if markup.type == LINE]
     if not lines:
         raise InputError(f"{os.fspath(path)} holds no line; export the trajectories as line markups")
-    return [_from_line(line, frame, instrument, system, first) for line in lines]
+    return [_from_line(line, line.name or _named(path), frame, instrument, system, first) for line in lines]
+
+
+def _named(path: str | os.PathLike[str]) -> str:
+    """Return a file's name without its ending."""
+    name = Path(path).name
+    ending = next((one for one in MARKUPS_ENDINGS if name.lower().endswith(one)), "")
+    return name[: len(name) - len(ending)]
 
 
 def plan_table(plan: Plan) -> str:
@@ -138,6 +149,11 @@ def read_plan_table(
     The column ``coordinate_system`` or ``system`` says whether the numbers are LPS or RAS; neither, both unlike,
     or another frame of reference is refused (`InputError`, `FrameMismatchError`).
     """
+    if Path(path).suffix.lower() == POINTS_ENDING:
+        raise InputError(
+            f"{os.fspath(path)} is a list of points, which does not say which of them make a trajectory; save lines in "
+            "Slicer (.mrk.json), or write a table (CSV)"
+        )
     header, rows, delimiter = read_rows(Path(path))
     require_table(Path(path), header, rows)
     if not rows:
@@ -186,9 +202,8 @@ def _line(trajectory: Trajectory) -> dict[str, Any]:
 
 
 def _from_line(
-    line: Markup, frame: Frame, instrument: Instrument, system: str | None, first: str | None
+    line: Markup, name: str, frame: Frame, instrument: Instrument, system: str | None, first: str | None
 ) -> Trajectory:
-    name = line.name or "line"
     are_set = [point.position and point.positionStatus == "defined" for point in line.controlPoints]
     if len(are_set) != 2 or not all(are_set):
         raise InputError(f"the line {name} has not two points that are set; expected its entry and its target")

@@ -67,6 +67,22 @@ def test_a_line_of_slicer_s_own_says_its_system_and_needs_its_order(tmp_path: Pa
         read_line_markups(path, CT, POINTER, system="RAS")
 
 
+@pytest.mark.parametrize(("file", "name"), [("left STN.mrk.json", "left STN"), ("v1.2.JSON", "v1.2")])
+def test_a_line_without_a_name_is_called_as_its_file(file: str, name: str, tmp_path: Path) -> None:
+    """Slicer writes none, and a file a line: of two, both would be called alike."""
+    path = line("LPS", ("entry", "target"), tmp_path / file)
+    path.write_text(path.read_text().replace('"name": "L", ', ""))
+    assert [one.name for one in read_line_markups(path, CT, POINTER)] == [name]
+
+
+def test_a_list_of_points_is_no_table_of_trajectories(tmp_path: Path) -> None:
+    (tmp_path / "F.fcsv").write_text("# CoordinateSystem = LPS\n# columns = id,x,y,z\n1,25,-20,84\n")
+    with pytest.raises(
+        InputError, match="is a list of points, which does not say which of them make a trajectory"
+    ):
+        read_plan_table(tmp_path / "F.fcsv", CT, POINTER)
+
+
 @pytest.mark.parametrize(
     ("there", "instead"),
     [

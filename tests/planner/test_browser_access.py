@@ -304,12 +304,15 @@ WHITE = """view => {
 """Have a view show nothing but white, or its picture again."""
 
 
-def test_sides_and_scale_are_read_on_white_bone(page: Any) -> None:
+def test_sides_scale_and_faint_names_are_read_on_white_bone(page: Any) -> None:
     """Letters as light as bone are told from it by what surrounds them."""
     page.evaluate(WHITE, "axial")
     for what in ("edge-0", "edge-1", "scale-bar", "title"):
         seen = at_rest(page, lambda: page.locator(f".rp-axial .rp-{what}").screenshot())  # noqa: B023
         assert seen.sum(axis=2).min() < 3 * DARK, what
+    assert not value(page, "drawn_axial")["paths"][0]["near"][0]  # so that its name is faint
+    faint = at_rest(page, page.locator("svg[data-view=axial] .rp-path text").first.screenshot)
+    assert faint.sum(axis=2).min() < 3 * 2 * DARK
     page.evaluate(WHITE, "axial")
 
 
