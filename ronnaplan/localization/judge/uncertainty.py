@@ -1,12 +1,14 @@
 """The covariance of a fitted center: what the image itself shows of noise and model error.
 
-The center is a weighted sum of voxel values (`BallFit.influence_mm_per_hu`), so what the residuals of one octant of a
-slice do to it is their weighted sum. Slices that see different tissue are measured apart, and octants are larger than
-noise is correlated, so these sums are taken as independent, and the sum of their squares is the cluster-robust
-"sandwich" estimate of the covariance (K.-Y. Liang and S. Zeger, Biometrika 73:13, 1986): noise enters with its
-correlation within the octant as it is, and so does whatever else differs from one to the next, such as streaks and a
-blur that is not quite Gaussian. Slices whose profiles overlap share their noise as the profile's autocorrelation says
-(W. Newey and K. West, Econometrica 55:703, 1987, with a box's; D. Andrews, Econometrica 59:817, 1991, with others).
+The center is a weighted sum of voxel values (`BallFit.influence_mm_per_hu`), so what the residuals of some voxels do to
+it is their weighted sum. Slices that see different tissue are measured apart, so their sums are taken as independent,
+and the sum of their squares is the cluster-robust "sandwich" estimate of the covariance (K.-Y. Liang and S. Zeger,
+Biometrika 73:13, 1986): noise enters with its correlation as it is, and so does whatever else differs from one to the
+next, such as streaks and a blur that is not quite Gaussian. Few sums tell a covariance badly (A. Cameron and D. Miller,
+Journal of Human Resources 50:317, 2015): where few slices show a ball, the octants of each tell more. But what
+neighbouring octants share, as they do coarse grain, only a whole slice holds. So the larger of both estimates is
+stated. Slices whose profiles overlap share their noise as the profile's autocorrelation says (W. Newey and K. West,
+Econometrica 55:703, 1987, with a box's; D. Andrews, Econometrica 59:817, 1991, with others).
 
 What all slices share, no residual along them shows: a head that moves, a panel that lags, streaks, a cone of rays. But
 what displaces edges by the direction in which they face displaces the center (the first harmonic of that direction,
@@ -61,8 +63,7 @@ ADAPTED_SLICES = 2.0
 """To so many slices the fit adapts: its center along them, and the profile."""
 
 OCTANTS = 8
-"""The residuals of a slice are summed by so many directions about the center. Few sums tell a covariance badly (A.
-Cameron and D. Miller, Journal of Human Resources 50:317, 2015): where few slices show a ball, one each is too few."""
+"""The residuals of a slice are summed by so many directions about the center."""
 
 PROFILE_SAMPLES = 129
 """A slice's profile is correlated with itself at so many places."""
@@ -159,9 +160,9 @@ def near_faces_mm2(fit: BallFit) -> FloatArray:
 def sources(fit: BallFit, moved: Movement) -> dict[str, FloatArray]:
     """What may move the center, by the names of `WEIGHTS`: covariances (3, 3) along u, v, w, in mm^2 or without a unit.
 
-    ``slices``: what the residuals of each slice's octants do to it; ``odd``: what bends its outline oddly; ``pole``: a
-    profile whose shape the few slices of a small ball do not tell, by the depth of the ball's pole in a slice;
-    ``least``: what stays in any scan.
+    ``slices``: what the residuals of slices or their octants do to it; ``odd``: what bends its outline oddly;
+    ``pole``: a profile whose shape the few slices of a small ball do not tell, by the depth of the ball's pole in a
+    slice; ``least``: what stays in any scan.
     """
     depth_mm = float(fit.theta[WIDTH]) ** 2 / float(fit.theta[RADIUS])
     return {
@@ -228,7 +229,7 @@ def noise_level(fit: BallFit) -> float:
 
 
 def by_slices(fit: BallFit) -> FloatArray:
-    """Covariance (3, 3) along u, v, w from what the residuals of each slice's octants do to the center."""
+    """Covariance (3, 3) along u, v, w from what the residuals of slices, or of their octants, do to the center."""
     kept = np.flatnonzero(fit.used)
     first, offsets_mm = first_of_each(fit.neighbourhood.slices[kept]), fit.neighbourhood.offsets_mm[kept]
     told = fit.influence_mm_per_hu.take(kept, axis=0) * fit.residuals_hu.take(kept)[:, np.newaxis]
@@ -242,7 +243,14 @@ def by_slices(fit: BallFit) -> FloatArray:
     )
     apart = len(first) / float(shared.sum(axis=1).max(initial=1.0))
     freedom = apart / max(apart - ADAPTED_SLICES, 0.5)  # a few slices are fitted more closely than they are true
-    covariance: FloatArray = freedom * (np.swapaxes(sums, 1, 2) @ shared @ sums).sum(axis=0)
+    whole = sums.sum(axis=0)
+    return freedom * larger((np.swapaxes(sums, 1, 2) @ shared @ sums).sum(axis=0), whole.T @ shared @ whole)
+
+
+def larger(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Return the covariance (3, 3) that is, in every direction, no smaller than either: what one has more is added."""
+    more, ways = np.linalg.eigh(one - other)
+    covariance: FloatArray = other + (ways * np.maximum(more, 0.0)) @ ways.T
     return covariance
 
 

@@ -28,6 +28,7 @@ from ronnaplan.localization.judge.uncertainty import (
     SCREW_PULL_MM,
     center_covariance,
     cramer_rao_bound,
+    larger,
     noise_level,
     pulled_mm2,
     shared_noise,
@@ -144,6 +145,34 @@ def test_two_or_three_slices_of_a_small_ball_state_its_noise_as_many_would() -> 
         stated_mm2 = center_covariance(fit, movement(Edge(fit)))
         squares.append(error_mm @ np.linalg.solve(stated_mm2, error_mm))
     assert np.mean(np.array(squares) > CHI2_95) < 0.2  # 0.46 while each slice was summed as a whole
+
+
+def test_noise_that_neighbouring_octants_of_a_slice_share_is_stated() -> None:
+    place_mm, diameter_mm = np.array([1.0, 2.0, 3.0]), 5.0
+    around = small_stack(
+        thickness_mm=0.5, spacing_mm=0.5, start_mm=-5.0, stop_mm=11.0, matrix=64, field_of_view_mm=32.0
+    )
+    ball = scan(balls([(1.0, 2.0, 3.0)], diameter_mm), around, noise_hu=0.0)
+    still_mm = fit_place(Scan(ball), place_mm, diameter_mm).center_mm
+    squares = []
+    for seed in range(24):
+        grain = gaussian_filter(np.random.default_rng(seed).normal(0, 1, ball.voxels_hu.shape), (0, 3, 3))
+        noisy = ball.voxels_hu + 15.0 * grain / grain.std()
+        fit = fit_place(Scan(replace(ball, voxels_hu=noisy.astype(np.float32))), place_mm, diameter_mm)
+        error_mm = fit.center_mm - still_mm
+        stated_mm2 = center_covariance(fit, movement(Edge(fit)))
+        squares.append(error_mm @ np.linalg.solve(stated_mm2, error_mm) / 3.0)
+    assert np.mean(squares) < 1.9  # 2.35 by octants alone
+
+
+def test_the_larger_of_two_covariances_is_no_smaller_than_either_in_any_direction() -> None:
+    draws = np.random.default_rng(4)
+    one, other = (rows.T @ rows for rows in draws.normal(size=(2, 4, 3)))
+    both = larger(one, other)
+    assert np.linalg.eigvalsh(both - one).min() > -1e-12
+    assert np.linalg.eigvalsh(both - other).min() > -1e-12
+    np.testing.assert_allclose(larger(one, 4.0 * one), 4.0 * one)
+    np.testing.assert_allclose(larger(other, one), both)
 
 
 @pytest.mark.parametrize("across_slices", [(1, 1, 1), (1, -2, 1)], ids=["shared", "alternating"])
