@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 from kernelcache import njit
 from ronnaplan.correspondence.evidence import GATE_CHI2, filled_volume, is_collinear
 from ronnaplan.correspondence.exact import LISTED_NATS, best_of, in_volume, search
-from ronnaplan.correspondence.rivals import mirror_is_better, odds_if_larger, other_body, regular_odds
+from ronnaplan.correspondence.rivals import (
+    BODY_GATE_CHI2,
+    mirror_is_better,
+    odds_if_larger,
+    other_body,
+    regular_odds,
+)
 from ronnaplan.geometry import FloatArray
 
 CLEAR_OF_OTHERS = 1e-5
@@ -51,7 +57,9 @@ def match_many(
         paired, to_beat = listed[best] >= 0, max(log_evidence[best], background)
         if not complete or is_collinear(ct[t][paired], np.full(paired.sum(), variance)):
             continue
-        body = other_body(ct[t], ots[t], weight, node_value, residual[0], residual[1], volume, listed[best])
+        body = other_body(
+            ct[t], ots[t], weight, node_value, residual[0], residual[1], volume, listed[best], BODY_GATE_CHI2
+        )
         regular = regular_odds(log_evidence, chi2, listed, best, background)
         if max(body[1], regular) > CLEAR_OF_OTHERS:
             continue

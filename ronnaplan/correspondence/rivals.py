@@ -28,6 +28,10 @@ of a hundred cases: it fits them as well on average (Markov's inequality)."""
 BODY_GATE_CHI2 = 200.0
 """Pairs of a second body exceed this chi^2 nowhere: a wider gate finds more of them among outliers by chance."""
 
+RIGID_GATE_CHI2 = 12.0
+"""Nor those of a body that is part of what seemed one with larger errors: 3.5 standard deviations as stated. A wider
+gate takes markers for a body that moved each by itself."""
+
 LEAST_REGULAR = 5
 """Fewer pairs fit otherwise, too, by chance; of so many it shows that the markers are laid out regularly."""
 
@@ -67,6 +71,7 @@ def other_body(
     backgrounds: FloatArray,
     volume: float,
     partner: IntArray,
+    gate_chi2: float,
 ) -> tuple[int, float]:
     """Return the number of pairs of the best body among the points that ``partner`` leaves, and if it is real.
 
@@ -92,7 +97,7 @@ def other_body(
         np.inf,
         1.0,
         backgrounds[size] - 5.0,
-        BODY_GATE_CHI2,
+        gate_chi2,
     )
     best, p = best_of(log_evidence, backgrounds[size])
     if best < 0:

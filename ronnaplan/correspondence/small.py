@@ -22,8 +22,10 @@ from ronnaplan.correspondence.pairing import (
 from ronnaplan.correspondence.priors import residual_priors, size_priors
 from ronnaplan.correspondence.problem import Problem, moved_pairs, pairs_of
 from ronnaplan.correspondence.rivals import (
+    BODY_GATE_CHI2,
     LOG_ODDS_OF_MIRROR,
     LOG_ODDS_PER_PAIR,
+    RIGID_GATE_CHI2,
     mirror_is_better,
     odds_if_larger,
     other_body,
@@ -198,7 +200,7 @@ def vouched(partners: IntArray, posterior: FloatArray, core: IntArray) -> float:
     return float(posterior[(partners[:, i] == core[i]).all(axis=1)].sum())
 
 
-def odds_of_another_body(problem: Problem, partner: IntArray) -> float:
+def odds_of_another_body(problem: Problem, partner: IntArray, gate_chi2: float = BODY_GATE_CHI2) -> float:
     """Return the odds that the patient is not the pairing ``partner`` (n,) but a body among the points that it leaves.
 
     A smaller one that has too few pairs to be given is none: three pairs among outliers are too easily had. Nor is
@@ -213,6 +215,7 @@ def odds_of_another_body(problem: Problem, partner: IntArray) -> float:
         *residual_priors(problem.counts),
         problem.volume_mm3,
         partner.astype(np.int16),
+        gate_chi2,
     )
     size = int((partner >= 0).sum())
     if count == 0 or (count < size and not problem.told.allows(count)):
@@ -224,9 +227,11 @@ def odds_of_another_body(problem: Problem, partner: IntArray) -> float:
 def odds_beside_core(problem: Problem, weighed: Weighed, core: IntArray) -> float:
     """Return the odds of a body among the points that ``core`` (n,) leaves; 0 where it is the whole best pairing.
 
-    What is left out of that for want of certainty is the patient's if errors are so large, and otherwise another body.
+    What is left out of that for want of certainty is the patient's if errors are so large, and otherwise another body,
+    or markers that moved each by itself, which are no body: its distances agree with errors as stated.
     """
-    return 0.0 if (core == weighed.partners[0]).all() else odds_of_another_body(problem, core)
+    whole = (core == weighed.partners[0]).all()
+    return 0.0 if whole else odds_of_another_body(problem, core, RIGID_GATE_CHI2)
 
 
 def is_mirrored(problem: Problem, weighed: Weighed) -> bool:

@@ -84,10 +84,11 @@ def test_a_marker_that_moves_or_vanishes_is_flagged() -> None:
 @pytest.mark.parametrize("drift_mm", [0.0, 5.0])
 def test_how_far_the_head_moved_while_it_was_recorded_is_told_and_that_no_error_counts_it(drift_mm: float) -> None:
     rng = np.random.default_rng(2)
+    drifts = drift_mm * np.array([0.6, 0.7, 1.0, 0.9, 0.8])  # a head that turns
     readings = [
-        PointReading(k, place + np.array([drift_mm * k / 99, 0, 0]) + rng.normal(size=3) * JITTER, label)
+        PointReading(k, place + np.array([drift * k / 99, 0, 0]) + rng.normal(size=3) * JITTER, label)
         for k in range(100)
-        for label, place in zip("ABCDE", TRUTH, strict=True)
+        for label, place, drift in zip("ABCDE", TRUTH, drifts, strict=True)
     ]
     recorded = Recording("test", tuple(readings))
     found = find_markers(recorded)
@@ -96,8 +97,8 @@ def test_how_far_the_head_moved_while_it_was_recorded_is_told_and_that_no_error_
         assert not told
         assert all(marker.moved_mm == 0 for marker in found.markers)
         return
-    for marker in found.markers:  # from the mean of the first quarter to that of the last
-        assert marker.moved_mm == pytest.approx(0.75 * drift_mm, abs=0.1)
+    for marker, drift in zip(found.markers, drifts, strict=True):  # from the first quarter's mean to the last's
+        assert marker.moved_mm == pytest.approx(0.75 * drift, abs=0.1)
     assert len(told) == 1
     assert told[0].startswith("5 of 5 readings moved while they were recorded, the farthest by at least 3.")
 
