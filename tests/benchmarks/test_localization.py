@@ -30,7 +30,8 @@ def test_a_patients_markers_are_found_within_the_goals_and_his_decoys_are_not(na
     assert (score.markers, score.missed, score.false) == (condition.markers, 0, 0)
     assert np.mean(score.errors_mm) < condition.mean_mm
     assert max(score.errors_mm) < condition.worst_mm
-    assert 0.25 < np.mean(score.normalized) / 3 < 4.0  # one patient's dozen scatters widely
+    # One patient's dozen scatters widely, and where few slices show a ball the larger of two estimates is stated.
+    assert 0.15 < np.mean(score.normalized) / 3 < 4.0
 
 
 def test_a_cone_that_would_be_a_sunk_ball_is_not_found() -> None:
