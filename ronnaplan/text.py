@@ -111,13 +111,22 @@ def runs(names: Sequence[object], which: Iterable[int]) -> list[str]:
     >>> runs([4, 5, 7, 8, 20], [0, 1, 2, 4])
     ['4-7', '20']
     """
-    found: list[list[int]] = []
+    return [f"{names[a]}" if a == b else f"{names[a]}-{names[b]}" for a, b in successive(which)]
+
+
+def successive(which: Iterable[int]) -> list[tuple[int, int]]:
+    """Return the first and the last of each run of numbers that follow each other.
+
+    >>> successive([0, 1, 2, 4])
+    [(0, 2), (4, 4)]
+    """
+    found: list[tuple[int, int]] = []
     for one in which:
         if found and one == found[-1][1] + 1:
-            found[-1][1] = one
+            found[-1] = (found[-1][0], one)
         else:
-            found.append([one, one])
-    return [f"{names[a]}" if a == b else f"{names[a]}-{names[b]}" for a, b in found]
+            found.append((one, one))
+    return found
 
 
 def as_read(name: str) -> str:

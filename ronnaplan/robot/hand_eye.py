@@ -158,13 +158,10 @@ def _contradiction(
         f"{found.translation_rms_mm:.2f} mm RMS, expected at most {LARGEST_ROTATION_DEG:g} and "
         f"{LARGEST_TRANSLATION_MM:g}"
     )
-    if far.any():
-        rest = seen[~far], driven[~far]
-        if _agree(_refine(*rest, *closed_form(*rest))):
-            which, advice = which_are_far(frames, np.flatnonzero(far).tolist())
-            return f"{said}: {which}; {advice}"
-    inverted = invert(seen)
-    if _agree(_refine(inverted, driven, *closed_form(inverted, driven))):
+    if far.any() and _agree(_fitted(seen[~far], driven[~far])):
+        which, advice = which_are_far(frames, np.flatnonzero(far).tolist())
+        return f"{said}: {which}; {advice}"
+    if _agree(_fitted(invert(seen), driven)):
         return (
             f"{said}, but agree once those of either are inverted; check which are not tracker from tool, or robot "
             "from TCP"
@@ -225,6 +222,10 @@ def require_two_axes(rotations: FloatArray, unknown: str) -> None:
             f"the robot poses do not determine {unknown}: they turn by {spread:.2g} degrees RMS about their second "
             f"axis, expected {SMALLEST_TURN_DEG:g} or more; turn the robot about two axes"
         )
+
+
+def _fitted(seen: FloatArray, driven: FloatArray) -> HandEye:
+    return _refine(seen, driven, *closed_form(seen, driven))
 
 
 def _refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> HandEye:

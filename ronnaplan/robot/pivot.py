@@ -17,6 +17,7 @@ from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import as_poses, as_stack, cross_matrix, first_told
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
+from ronnaplan.text import successive
 
 FEWEST_POSES = 10
 """Of fewer the scatter is not known, however often each is repeated."""
@@ -83,9 +84,7 @@ class PivotCalibration:
     @property
     def slips(self) -> tuple[tuple[int, int], ...]:
         """Runs (first, last) of successive poses that slipped."""
-        index = np.flatnonzero(self.slipped)
-        runs = np.split(index, np.flatnonzero(np.diff(index) > 1) + 1) if index.size else []
-        return tuple((int(run[0]), int(run[-1])) for run in runs)
+        return tuple(successive(np.flatnonzero(self.slipped).tolist()))
 
 
 def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:

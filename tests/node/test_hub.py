@@ -9,7 +9,8 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -111,21 +112,27 @@ class Silent:
         """There is nothing to end."""
 
 
+@contextmanager
+def hub_of_one(folder: Path, monkeypatch: pytest.MonkeyPatch, received: float) -> Iterator[tuple[Hub, Index]]:
+    """Yield a hub whose receiver only says that it listens, and the index with the instance that it has."""
+    monkeypatch.setattr(hub_module, "Child", Silent)
+    config = configuration(folder, quiet_s=10.0)
+    config.data.mkdir()
+    with Index(config.data) as index:
+        add(index, 0, received)
+        yield Hub(folder / "node.toml", config, index, Log(io.StringIO())), index
+
+
 def test_a_clock_that_was_ahead_keeps_nothing_waiting_once_it_is_set_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(hub_module, "Child", Silent)
-    config = configuration(tmp_path, quiet_s=10.0)
-    config.data.mkdir()
-    with Index(config.data) as index:
-        add(index, 0, 50_000.0)
+    with hub_of_one(tmp_path, monkeypatch, 50_000.0) as (hub, index):
         index.run(
             "INSERT INTO jobs (series, revision, rule, state, due, completed) VALUES (1, 0, 'r', '', 60000, 0)"
         )
         index.run(
             "INSERT INTO jobs (series, revision, rule, state, due, completed) VALUES (1, 9, 'r', '', 3000, 0)"
         )
-        hub = Hub(tmp_path / "node.toml", config, index, Log(io.StringIO()))
         for now in (50_001.0, 50_009.0, 1000.0, 1009.0):
             if now == 1000.0:
                 hub._foreman._hire_due = 60_000.0
@@ -141,12 +148,7 @@ def test_a_clock_that_leaps_ahead_makes_no_time_a_quiet_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A series was complete amid its slices, and answered from a part of them first."""
-    monkeypatch.setattr(hub_module, "Child", Silent)
-    config = configuration(tmp_path, quiet_s=10.0)
-    config.data.mkdir()
-    with Index(config.data) as index:
-        add(index, 0, 1000.0)
-        hub = Hub(tmp_path / "node.toml", config, index, Log(io.StringIO()))
+    with hub_of_one(tmp_path, monkeypatch, 1000.0) as (hub, index):
         complete = []
         for now, steady in ((1000.0, 50.0), (1003.0, 53.0), (4600.0, 53.2), (4609.0, 62.2), (4610.1, 63.3)):
             hub.tick(now, steady)

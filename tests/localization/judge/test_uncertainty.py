@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -53,6 +54,23 @@ def fit_of(volume: CTVolume) -> BallFit:
 def with_white_noise(volume: CTVolume, noise_hu: float, seed: int) -> CTVolume:
     noise = np.random.default_rng(seed).normal(0, noise_hu, volume.voxels_hu.shape)
     return replace(volume, voxels_hu=(volume.voxels_hu + noise).astype(np.float32))
+
+
+def with_grain(volume: CTVolume, noise_hu: float, pixels: int, generator: np.random.Generator) -> CTVolume:
+    """Return a scan with noise that is smoothed over so many pixels across each slice."""
+    grain = gaussian_filter(generator.normal(0, 1, volume.voxels_hu.shape), (0, pixels, pixels))
+    return replace(volume, voxels_hu=(volume.voxels_hu + noise_hu * grain / grain.std()).astype(np.float32))
+
+
+def small_ball_errors(still: CTVolume, noisy: Iterable[CTVolume]) -> FloatArray:
+    """Return the squares of a 5 mm ball's errors by noise, each in its own covariance."""
+    place_mm, diameter_mm, squares = np.array([1.0, 2.0, 3.0]), 5.0, []
+    still_mm = fit_place(Scan(still), place_mm, diameter_mm).center_mm
+    for volume in noisy:
+        fit = fit_place(Scan(volume), place_mm, diameter_mm)
+        error_mm = fit.center_mm - still_mm
+        squares.append(error_mm @ np.linalg.solve(center_covariance(fit, movement(Edge(fit))), error_mm))
+    return np.array(squares)
 
 
 @pytest.fixture(scope="module")
@@ -123,11 +141,7 @@ def test_the_scatter_over_noise_is_at_the_bound_and_within_the_stated_error(quie
 
 def test_noise_that_is_correlated_within_the_slice_counts_for_what_it_is(quiet: CTVolume) -> None:
     generator = np.random.default_rng(3)
-    fits = []
-    for _ in range(12):
-        noise = gaussian_filter(generator.normal(0, 1, quiet.voxels_hu.shape), (0, 2, 2))
-        noisy = quiet.voxels_hu + 20.0 * noise / noise.std()
-        fits.append(fit_of(replace(quiet, voxels_hu=noisy.astype(np.float32))))
+    fits = [fit_of(with_grain(quiet, 20.0, 2, generator)) for _ in range(12)]
     scatter = np.std([fit.center_mm for fit in fits], axis=0, ddof=1)
     stated = np.sqrt(np.diag(np.mean([center_covariance(fit, movement(Edge(fit))) for fit in fits], axis=0)))
     # Counted as if it were white, it would be stated too small by a factor of two to six.
@@ -135,34 +149,18 @@ def test_noise_that_is_correlated_within_the_slice_counts_for_what_it_is(quiet: 
 
 
 def test_two_or_three_slices_of_a_small_ball_state_its_noise_as_many_would() -> None:
-    place_mm, diameter_mm = np.array([1.0, 2.0, 3.0]), 5.0
-    ball = scan(balls([(1.0, 2.0, 3.0)], diameter_mm), small_stack(thickness_mm=2.5, spacing_mm=2.5), noise_hu=0.0)
-    still_mm = fit_place(Scan(ball), place_mm, diameter_mm).center_mm
-    squares = []
-    for seed in range(24):
-        fit = fit_place(Scan(with_white_noise(ball, 25.0, seed)), place_mm, diameter_mm)
-        error_mm = fit.center_mm - still_mm
-        stated_mm2 = center_covariance(fit, movement(Edge(fit)))
-        squares.append(error_mm @ np.linalg.solve(stated_mm2, error_mm))
-    assert np.mean(np.array(squares) > CHI2_95) < 0.2  # 0.46 while each slice was summed as a whole
+    ball = scan(balls([(1.0, 2.0, 3.0)], 5.0), small_stack(thickness_mm=2.5, spacing_mm=2.5), noise_hu=0.0)
+    squares = small_ball_errors(ball, (with_white_noise(ball, 25.0, seed) for seed in range(24)))
+    assert np.mean(squares > CHI2_95) < 0.2  # 0.46 while each slice was summed as a whole
 
 
 def test_noise_that_neighbouring_octants_of_a_slice_share_is_stated() -> None:
-    place_mm, diameter_mm = np.array([1.0, 2.0, 3.0]), 5.0
     around = small_stack(
         thickness_mm=0.5, spacing_mm=0.5, start_mm=-5.0, stop_mm=11.0, matrix=64, field_of_view_mm=32.0
     )
-    ball = scan(balls([(1.0, 2.0, 3.0)], diameter_mm), around, noise_hu=0.0)
-    still_mm = fit_place(Scan(ball), place_mm, diameter_mm).center_mm
-    squares = []
-    for seed in range(24):
-        grain = gaussian_filter(np.random.default_rng(seed).normal(0, 1, ball.voxels_hu.shape), (0, 3, 3))
-        noisy = ball.voxels_hu + 15.0 * grain / grain.std()
-        fit = fit_place(Scan(replace(ball, voxels_hu=noisy.astype(np.float32))), place_mm, diameter_mm)
-        error_mm = fit.center_mm - still_mm
-        stated_mm2 = center_covariance(fit, movement(Edge(fit)))
-        squares.append(error_mm @ np.linalg.solve(stated_mm2, error_mm) / 3.0)
-    assert np.mean(squares) < 1.9  # 2.35 by octants alone
+    ball = scan(balls([(1.0, 2.0, 3.0)], 5.0), around, noise_hu=0.0)
+    noisy = (with_grain(ball, 15.0, 3, np.random.default_rng(seed)) for seed in range(24))
+    assert np.mean(small_ball_errors(ball, noisy)) / 3.0 < 1.9  # 2.35 by octants alone
 
 
 def test_the_larger_of_two_covariances_is_no_smaller_than_either_in_any_direction() -> None:
