@@ -10,16 +10,24 @@ import struct
 import time
 from collections import Counter
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from pyigtl.messages import CRC64
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.text import printable
-from ronnaplan.tracking.cells import stated_status
-from ronnaplan.tracking.igtl_bodies import PLACE_BYTES, POINT_ITEM, doubles, positions, text
+from ronnaplan.tracking.igtl_bodies import (
+    PLACE_BYTES,
+    POINT_ITEM,
+    TRACKED_ITEMS,
+    doubles,
+    matrix_of,
+    positions,
+    text,
+    tracked,
+)
+from ronnaplan.tracking.igtl_header import HEADER, Message, pose_status
 from ronnaplan.tracking.recording import (
     OK,
     PointReading,
@@ -29,14 +37,6 @@ from ronnaplan.tracking.recording import (
     tool_reading,
 )
 
-HEADER = struct.Struct(">H12s20sIIQQ")
-EXTENDED_HEADER = struct.Struct(">HHII")
-METADATA_ITEM = struct.Struct(">HHI")
-POSE_STATUS, POSE_VALID = "TransformStatus", "TransformValid"
-"""What PLUS says of a pose in a message's metadata."""
-VERSIONS = (1, 2, 3)
-LARGEST_BODY = 1 << 26
-"""A longer message body (64 MB) is not tracker data but a lost byte count."""
 REPEATED = "repeated to the last digit: its device sends nothing new"
 """Status of a good reading whose device has long sent the same: it is of a moment that is over."""
 MOST_READINGS = 1_000_000
@@ -45,58 +45,6 @@ MOST_NAMES = 1000
 """No tracker has more devices or tools, and no stream more kinds of faults: each is remembered."""
 MOST_NOTES = 20
 MOST_KINDS = 5
-UNREAD_TOOLS, UNREAD = ("TDATA", "QTDATA"), "messages are not read; have their tools sent as TRANSFORM"
-"""Kinds that hold poses and are not read, and what is told of them."""
-
-
-@dataclass(frozen=True)
-class Message:
-    """One message: its kind and device as printable text, its body's bytes."""
-
-    kind: str
-    device: str
-    time_s: float
-    version: int
-    checksum: int
-    length: int
-
-    @classmethod
-    def of_header(cls, header: bytes) -> Message:
-        """Return the message that ``header`` (58 bytes) announces; raises ValueError for what is no such header."""
-        version, kind, device, seconds, fraction, length, checksum = HEADER.unpack(header)
-        bare = kind.split(b"\0")[0]
-        if version not in VERSIONS or not bare.isalnum():
-            raise ValueError(f"a header of version {version} and type {printable(bare)}")
-        if length > LARGEST_BODY:
-            raise ValueError(f"a body of {length} bytes")
-        return cls(bare.decode(), text(device), seconds + fraction / 2**32, version, checksum, length)
-
-    def content(self, body: bytes) -> bytes:
-        """Return ``body`` without the extended header and the metadata of versions 2 and 3."""
-        return self._parts(body)[0]
-
-    def pose_status(self, body: bytes) -> str:
-        """Return what the metadata say of the poses in ``body``: `OK` where they say nothing."""
-        _, header, data = self._parts(body)
-        told, at = {}, 0
-        for item in range(int.from_bytes(header[:2])):
-            key_size, _, value_size = METADATA_ITEM.unpack_from(header, 2 + item * METADATA_ITEM.size)
-            middle, end = at + key_size, at + key_size + value_size
-            told[text(data[at:middle])] = text(data[middle:end])
-            at = end
-        # a truth value may be a byte that is no text
-        valid = (told.get(POSE_VALID, "1") or "0").replace("\1", "1")
-        return stated_status({"status": told.get(POSE_STATUS, ""), "valid": valid})
-
-    def _parts(self, body: bytes) -> tuple[bytes, bytes, bytes]:
-        """Return the content of ``body``, the header of the metadata, and their keys and values."""
-        if self.version == 1:
-            return body, b"", b""
-        size, metadata_header, metadata, _ = EXTENDED_HEADER.unpack_from(body)
-        end, data = len(body) - metadata_header - metadata, len(body) - metadata
-        if not EXTENDED_HEADER.size <= size <= end:
-            raise ValueError("an extended header beyond the body")
-        return body[size:end], body[end:data], body[data:]
 
 
 class Stream:
@@ -115,8 +63,9 @@ class Stream:
         self.broken: str | None = None
         self.leapt_s = 0.0
         """How far the time of a device's messages leapt back at most; each counts by itself, as clocks differ."""
-        self._latest: dict[tuple[str, str], tuple[float, int, float]] = {}
-        """Of each device: its last time, a hash of what it said, and when, by this computer's clock, that was new."""
+        self._latest: dict[tuple[str, str, str], tuple[float, int, float]] = {}
+        """Of each device's points, and of each of its tools: their last time, a hash of what it said, and when, by this
+        computer's clock, that was new."""
         self._left_out: Counter[str] = Counter()
         self._passed_over: Counter[str] = Counter()
         self._roundings = Roundings()
@@ -137,14 +86,13 @@ class Stream:
         others = sum(self._left_out.values()) - sum(count for _, count in self._left_out.most_common(MOST_NOTES))
         if others:
             told.append(f"{others} more messages were left out for other reasons")
-        unread = [f"{self._passed_over[kind]} {kind} {UNREAD}" for kind in UNREAD_TOOLS if self._passed_over[kind]]
-        return [*told, *unread, *self._roundings.notes]
+        return [*told, *self._roundings.notes]
 
     @property
     def passed_over(self) -> list[str]:
         """What came of other kinds than those that are read, in a sentence where there is any."""
         told = ", ".join(f"{count} {kind}" for kind, count in self._passed_over.most_common(MOST_KINDS))
-        return [f"{told} came; POINT, TRANSFORM and POSITION are read"] if told else []
+        return [f"{told} came; POINT, TRANSFORM, POSITION, TDATA and QTDATA are read"] if told else []
 
     def taken(self) -> tuple[list[PointReading], list[ToolReading]]:
         """Return the readings that came since this was last asked, and keep them no longer."""
@@ -188,6 +136,7 @@ class Stream:
     def _take(self, message: Message, body: bytes) -> None:
         unpack = {"POINT": self._take_points, "TRANSFORM": self._take_transform}
         unpack |= dict.fromkeys(("POSITION", "QTRANS"), self._take_positions)  # two names of one kind
+        unpack |= dict.fromkeys(TRACKED_ITEMS, self._take_tracked)
         if message.kind not in unpack:
             self._passed_over[message.kind] += 1
             return
@@ -202,23 +151,29 @@ class Stream:
             self._left_out[f"{what} cannot be read ({error}) and were left out"] += 1
             return
         self.messages += 1
-        if self._is_repeated(message, body, {one.tool for one in self.tools[tools:]}):
+        self.tools[tools:] = [self._marked(one, message) for one in self.tools[tools:]]
+        places = b"".join(one.position_mm.tobytes() for one in self.points[points:])
+        if places and self._is_repeated(message, "", places):
             self.points[points:] = [
                 replace(one, status=REPEATED) if one.usable else one for one in self.points[points:]
             ]
-            self.tools[tools:] = [
-                replace(one, status=REPEATED) if one.usable else one for one in self.tools[tools:]
-            ]
 
-    def _is_repeated(self, message: Message, body: bytes, tools: set[str]) -> bool:
-        """Keep what a device said last of ``tools``; return whether that has long been the same, as where it is frozen.
+    def _marked(self, one: ToolReading, message: Message) -> ToolReading:
+        """Return a reading, flagged where its tool has long been the same: others of its message may be new."""
+        pose = b"" if one.matrix is None else one.matrix.tobytes()
+        is_repeated = self._is_repeated(message, one.tool, pose)
+        return replace(one, status=REPEATED) if is_repeated and one.usable else one
 
-        Places that change are new though the device's time stands still: some senders never set it again.
+    def _is_repeated(self, message: Message, tool: str, said_of_it: bytes) -> bool:
+        """Keep what a device said last of a ``tool``, or of points (""); return whether that has long been the same.
+
+        So it is where it is frozen. Places that change are new though the device's time stands still: some senders
+        never set it again.
         """
-        may_rest = self._resting is None or not tools.isdisjoint(self._resting)
+        may_rest = self._resting is None or tool in self._resting
         if message.time_s <= 0 and may_rest:  # 0 states none
             return False
-        sender, now, said = (message.kind, message.device), time.monotonic(), hash(message.content(body))
+        sender, now, said = (message.kind, message.device, tool), time.monotonic(), hash(said_of_it)
         latest_s, before, new_s = self._latest.get(sender, (0.0, said, now))
         if message.time_s > 0:
             self.leapt_s = max(self.leapt_s, latest_s - message.time_s)
@@ -241,35 +196,55 @@ class Stream:
         self._point_frames += 1
 
     def _take_transform(self, message: Message, body: bytes) -> None:
-        content, status = message.content(body), message.pose_status(body)
+        content, status = message.content(body), pose_status(message.metadata(body))
         if len(content) != 48:
             raise ValueError(f"{len(content)} bytes")
-        matrix = np.eye(4)
-        matrix[:3] = doubles(np.frombuffer(content, dtype=">f4")).reshape(4, 3).T
+        matrix = matrix_of(doubles(np.frombuffer(content, dtype=">f4")))
         tool = message.device
-        reading, excess = tool_reading(self._next_frame(tool), tool, matrix, message.time_s, status)
+        self._add_pose(self._next_frame(tool), tool, matrix, message.time_s, status)
+
+    def _take_tracked(self, message: Message, body: bytes) -> None:
+        told, found = message.metadata(body), tracked(message.kind, message.content(body), message.device)
+        frame = max(
+            self._tool_frames[one.name] for one in found
+        )  # one moment's, where a tool was left out before, too
+        for one in found:
+            stated = pose_status(told, one.name)
+            status = one.status if stated == OK else stated
+            if one.is_place:
+                self._add_place(message, one.name, one.place_mm, status)
+            else:
+                self._tool_frames[one.name] = frame + 1
+                self._add_pose(frame, one.name, one.matrix, message.time_s, status)
+        self._point_frames += any(one.is_place for one in found)
+
+    def _add_pose(self, frame: int, tool: str, matrix: FloatArray | None, time_s: float, status: str) -> None:
+        if matrix is None:
+            status = "no pose" if status == OK else status
+            self.tools.append(ToolReading(frame, tool, None, time_s, None, status))
+            return
+        reading, excess = tool_reading(frame, tool, matrix, time_s, status)
         self.tools.append(reading)
         self._roundings.add(excess)
 
     def _take_positions(self, message: Message, body: bytes) -> None:
-        stated, content = message.pose_status(body), message.content(body)
+        stated, content = pose_status(message.metadata(body)), message.content(body)
         if len(content) == PLACE_BYTES:
-            self._take_place(message, doubles(np.frombuffer(content, dtype=">f4")), stated)
+            self._add_place(message, message.device, doubles(np.frombuffer(content, dtype=">f4")), stated)
+            self._point_frames += 1
             return
         for name, position, quaternion in positions(content):
             tool = name or message.device
-            matrix = quaternion_pose(quaternion, position)
-            status = "no pose" if matrix is None and stated == OK else stated
-            self.tools.append(ToolReading(self._next_frame(tool), tool, matrix, message.time_s, None, status))
+            self._add_pose(
+                self._next_frame(tool), tool, quaternion_pose(quaternion, position), message.time_s, stated
+            )
 
-    def _take_place(self, message: Message, place_mm: FloatArray, stated: str) -> None:
+    def _add_place(self, message: Message, label: str, place_mm: FloatArray, stated: str) -> None:
         """Take a tool's place (3,) that came without its rotation for a point: none is made up."""
         status = stated if stated != OK or np.isfinite(place_mm).all() else "no position"
-        device = message.device
         self.points.append(
-            PointReading(self._point_frames, place_mm, device, message.time_s, None, status, device)
+            PointReading(self._point_frames, place_mm, label, message.time_s, None, status, message.device)
         )
-        self._point_frames += 1
 
     def _next_frame(self, tool: str) -> int:
         self._tool_frames[tool] += 1

@@ -1,4 +1,4 @@
-"""Live readings over OpenIGTLink: POINT, TRANSFORM and POSITION messages, until the time is up or the stream ends.
+"""Live readings over OpenIGTLink: messages of points and of tools, until the time is up or the stream ends.
 
 pyigtl's client keeps only the newest message of a device, so the socket is read here and nothing is lost.
 """
@@ -116,11 +116,12 @@ def _apart(
 
 
 def record(host: str, port: int = DEFAULT_PORT, *, seconds: float = 5.0) -> Recording:
-    """Record all POINT, TRANSFORM and POSITION messages a server at ``host`` sends within ``seconds``.
+    """Record all messages of points and tools that a server at ``host`` sends within ``seconds``.
 
     A POINT message is one tracker frame of (labelled or stray) markers; TRANSFORM and POSITION are a tool's pose,
-    named by its device. If the stream stops or breaks, or Ctrl-C is pressed, what came until then is returned, with
-    a note that says so. Raises `InputError` if no server answers or no message arrives at all.
+    named by its device; TDATA and QTDATA are those of several tools, each with a name. If the stream stops or breaks,
+    or Ctrl-C is pressed, what came until then is returned, with a note that says so. Raises `InputError` if no server
+    answers or no message arrives at all.
     """
     if not math.isfinite(seconds) or not 0 < seconds <= LONGEST_S:
         raise InputError(f"{seconds} seconds were asked for; expected a time above zero and up to {LONGEST_S:g} s")

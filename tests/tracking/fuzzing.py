@@ -17,11 +17,13 @@ from pyigtl.messages import CRC64
 from ronnaplan.errors import InputError
 from ronnaplan.tracking import Recording, find_markers, read_recording
 from ronnaplan.tracking.csv_file import write_csv
-from ronnaplan.tracking.igtl_messages import HEADER, Stream
+from ronnaplan.tracking.igtl_header import HEADER
+from ronnaplan.tracking.igtl_messages import Stream
 from ronnaplan.tracking.openigtlink import SILENCE_S
 from tests.fuzz.border import Border, WrongValueError
 from tests.fuzz.mutations import ANYWHERE, NUMBERS, mutate
 from tests.tracking.files import MARKUPS, NDI, as_nrrd, matrix_rows, plus, sequence, turned
+from tests.tracking.streams import quaternions_of_tools, tools_of_plus
 
 CSV = (
     "kind,frame,time_s,label,x [mm],y,z,q0,qx,qy,qz,sigma,status,unit\n"
@@ -168,6 +170,10 @@ class StreamBorder(Border):
             HEADER.pack(1, b"POSITION", b"Pointer", 3, 0, len(body), CRC64(body)) + body,
             position.pack(),
             newer.pack(),
+            tools_of_plus({"Probe": (2, turned(1)), "Tip": (3, turned(2))}, {"ProbeStatus": "OK"}),
+            quaternions_of_tools(
+                {"Probe": (2, (1.5, 2.5, 3.5, 0, 0, half, half)), "Axis": (4, (1, 2, 3, 0, 0, 0.6, 0.8))}
+            ),
         ]
 
     def check_seeds(self, folder: Path) -> None:

@@ -18,6 +18,7 @@ from ronnaplan.tracking.igtl_messages import Stream
 from ronnaplan.tracking.openigtlink import moments, record
 from ronnaplan.tracking.recording import StreamEnd
 from tests.tracking.files import AWAY
+from tests.tracking.streams import named
 
 POINTS = [[1.0, 2.0, -1000.0], [4.0, 5.0, -1001.0]]
 
@@ -235,10 +236,6 @@ def test_a_moment_that_had_only_begun_when_the_time_was_up_is_left_out() -> None
         assert [len(one.points) for one in told] == [4, 2]
 
 
-def named(kind: str, device: bytes, body: bytes, version: int = 1) -> bytes:
-    return struct.pack(">H12s20sIIQQ", version, kind.encode(), device, 3, 0, len(body), CRC64(body)) + body
-
-
 def point_item(name: bytes, place: tuple[float, float, float]) -> bytes:
     return struct.pack(">64s32s4B3ff20s", name, b"", 0, 0, 0, 0, *place, 0.0, b"")
 
@@ -415,13 +412,6 @@ def test_other_messages_are_passed_over() -> None:
         assert len(record("127.0.0.1", port, seconds=5).points) == 2
 
 
-def test_poses_in_messages_that_are_not_read_are_told() -> None:
-    """A tool was missing from the recording without a word."""
-    stream = Stream(1.0)
-    stream.feed(points() + named("TDATA", b"Tracker", bytes(70)) + named("TDATA", b"Tracker", bytes(70)))
-    assert stream.notes == ["2 TDATA messages are not read; have their tools sent as TRANSFORM"]
-
-
 @pytest.mark.parametrize(
     ("chunks", "says"),
     [
@@ -429,7 +419,7 @@ def test_poses_in_messages_that_are_not_read_are_told() -> None:
         ([], "no readable message"),
         (
             [pyigtl.StringMessage("a", device_name="S").pack()] * 3,
-            "3 STRING came; POINT, TRANSFORM and POSITION are read",
+            "3 STRING came; POINT, TRANSFORM, POSITION, TDATA and QTDATA are read",
         ),
     ],
 )
