@@ -41,14 +41,16 @@ def frame_fragments(blob: Blob, pixels: PixelFormat) -> list[tuple[Fragment, ...
         return [tuple(fragments)]
     if len(fragments) == pixels.frames:
         return [(fragment,) for fragment in fragments]
-    return _by_table(table, fragments, pixels.frames)
+    if table:
+        places = {offset - fragments[0][0]: number for number, (offset, _) in enumerate(fragments)}
+        starts = [places.get(place, -1) for place in table]  # it counts from the first fragment's item
+    else:
+        starts = [k for k, (offset, _) in enumerate(fragments) if read(offset, 4).startswith(_IMAGE_STARTS)]
+    return _grouped(fragments, starts, pixels.frames)
 
 
-def _by_table(table: tuple[int, ...], fragments: list[Fragment], count: int) -> list[tuple[Fragment, ...]]:
-    """Group the fragments of each frame by the offset table, which counts from the first fragment's item."""
-    places = [offset - fragments[0][0] for offset, _ in fragments]
-    index = {place: number for number, place in enumerate(places)}
-    starts = [index.get(place, -1) for place in table]
+def _grouped(fragments: list[Fragment], starts: list[int], count: int) -> list[tuple[Fragment, ...]]:
+    """Return the fragments of each frame; ``starts`` are the numbers of their first ones."""
     if len(starts) != count or starts[0] != 0 or any(b <= a for a, b in pairwise(starts)):
         raise DamagedError(f"its {count} compressed frames cannot be told apart")
     return [tuple(fragments[a:b]) for a, b in pairwise([*starts, len(fragments)])]

@@ -92,10 +92,9 @@ def tracked(kind: str, content: bytes, device: str) -> list[Tracked]:
     count = Counter(names)
     found = []
     for name, which, pose in zip(names, items["kind"].tolist(), doubles(items["pose"]), strict=True):
-        if kind == "TDATA":
-            place, matrix = pose[9:], matrix_of(pose)
-        else:
-            place, matrix = pose[:3], quaternion_pose(pose[[6, 3, 4, 5]], pose[:3])
+        of_matrix = kind == "TDATA"
+        place = pose[9:] if of_matrix else pose[:3]
+        matrix = matrix_of(pose) if of_matrix else quaternion_pose(pose[[6, 3, 4, 5]], place)
         known = TRACKED_STATUS.get(which, f"a tool of type {which}, which OpenIGTLink does not know")
         status = known if count[name] == 1 else NAMED_TWICE
         found.append(Tracked(name, place, matrix, which == PLACE_ONLY, status))

@@ -3,6 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydicom.dataset import Dataset
+from pydicom.encaps import encapsulate, generate_frames
 
 from ronnaplan.ct import VolumeFlag, find_series, read_ct
 from ronnaplan.errors import InputError
@@ -182,17 +183,33 @@ def test_compressed_frames_are_told_apart(tmp_path: Path, syntax: str) -> None:
     assert np.array_equal(volume.voxels_hu, np.stack([pattern(k) for k in range(5)]) - 1024)
 
 
-def test_frames_of_several_fragments_are_found_by_the_offset_table_or_refused(tmp_path: Path) -> None:
-    from pydicom.encaps import encapsulate, generate_frames
+@pytest.mark.parametrize("syntax", ["1.2.840.10008.1.2.4.70", "1.2.840.10008.1.2.4.80"])
+@pytest.mark.parametrize("has_table", [True, False])
+def test_frames_of_several_fragments_are_found_by_a_table_or_by_where_images_begin(
+    tmp_path: Path, syntax: str, has_table: bool
+) -> None:
+    """Writers may leave the table empty."""
+    made = compress(enhanced(3), syntax, tmp_path)
+    frames = list(generate_frames(made.PixelData, number_of_frames=3))
+    made.PixelData = encapsulate(frames, fragments_per_frame=3, has_bot=has_table)
+    volume = read_ct(enhanced_file(tmp_path, made))
+    assert np.array_equal(volume.voxels_hu, np.stack([pattern(k) for k in range(3)]) - 1024)
 
+
+def test_fragments_that_nothing_shares_out_among_frames_are_refused(tmp_path: Path) -> None:
     made = compress(enhanced(3), "1.2.840.10008.1.2.5", tmp_path)
     frames = list(generate_frames(made.PixelData, number_of_frames=3))
     made.PixelData = encapsulate(frames, fragments_per_frame=2, has_bot=True)
-    volume = read_ct(enhanced_file(tmp_path, made, "with table"))
-    assert np.array_equal(volume.voxels_hu, np.stack([pattern(k) for k in range(3)]) - 1024)
+    read_ct(enhanced_file(tmp_path, made, "with table"))
     made.PixelData = encapsulate(frames, fragments_per_frame=2, has_bot=False)
     with pytest.raises(InputError, match="cannot be told apart"):
         read_ct(enhanced_file(tmp_path, made, "without"))
+    made = compress(enhanced(4), "1.2.840.10008.1.2.4.80", tmp_path)
+    made.PixelData = encapsulate(list(generate_frames(made.PixelData, number_of_frames=4)), has_bot=False)
+    made.NumberOfFrames = 3
+    del made.PerFrameFunctionalGroupsSequence[3]
+    with pytest.raises(InputError, match="3 compressed frames cannot be told apart"):
+        read_ct(enhanced_file(tmp_path, made, "one frame too many"))
 
 
 @pytest.mark.parametrize("unit", ["HU", "US", "Hounsfield", "hounsfield units", None])
