@@ -15,9 +15,16 @@ import numpy as np
 
 from ronnaplan.errors import InputError
 from ronnaplan.text import BLANKS
-from ronnaplan.tracking.cells import STATUS_COLUMNS, frame_number, number, place_status
+from ronnaplan.tracking.cells import (
+    STATUS_COLUMNS,
+    TRUTH_COLUMNS,
+    frame_number,
+    number,
+    place_status,
+    stated_status,
+)
 from ronnaplan.tracking.recording import OK, PointReading, Recording, ToolReading, quaternion_pose
-from ronnaplan.tracking.tables import read_rows
+from ronnaplan.tracking.tables import passed_over, read_rows
 
 QUATERNION = ("q0", "qx", "qy", "qz")
 ANGLES = frozenset({"rx", "ry", "rz"})
@@ -25,6 +32,15 @@ ROTATION = ANGLES.union(QUATERNION)
 POSITION = ("tx", "ty", "tz")
 TOOLS = ("tool", "toolinfo", "tool_id", "tool_name", "name", "port", "porthandle", "toolhandle", "tool_handle")
 """Columns that name the tool whose pose stands behind them; the nearest one counts."""
+ONE_TOOL = (*TOOLS, "label", "marker")
+"""Columns that name the tool of a row with one pose, where none stands before it; the first of these counts."""
+SEEN_COLUMNS = frozenset({"transformstatus", *STATUS_COLUMNS, *TRUTH_COLUMNS})
+"""Columns that say how a tool or marker is seen."""
+TIMES = ("timespec", "timestamp", "time")
+COUNTS = frozenset({"tools", "markers", "face"})
+KNOWN_COLUMNS = frozenset(
+    {*ROTATION, *POSITION, *TOOLS, *SEEN_COLUMNS, *TIMES, *COUNTS, "timespec_ns", "frame", "error"}
+)
 FACE_STATES = frozenset({"ok", "enabled", "valid", "partially_out_of_volume"})
 
 
@@ -34,8 +50,12 @@ class _Layout:
 
     poses: tuple[int, ...]
     """Columns of Tx."""
+    names: tuple[int, ...]
+    """Of each tool, the column that names it, or -1."""
     markers: tuple[tuple[int, int], ...]
     """(column of Tx, index of its tool)."""
+    seen: tuple[tuple[int, ...], ...]
+    """Of each tool, the columns that say how it is seen."""
 
 
 def is_ndi(header: list[str]) -> bool:
@@ -55,17 +75,25 @@ def read_ndi(path: Path) -> Recording:
         raise InputError(f"{path} has columns {', '.join(header[:8])}; expected NDI's Q0..Tz or State, Tx, Ty, Tz")
     layout = _layout(header)
     _require_layout(path, layout, header)
+    _require_heard(path, layout, header)
     points: list[PointReading] = []
     tools: list[ToolReading] = []
     for index, row in enumerate(rows):
         _require_columns(path, layout, header, row, index)
         cells = _Row(header, row, delimiter, index, path)
-        seen = [cells.tool(column, i) for i, column in enumerate(layout.poses)]
+        seen = [cells.tool(column, i, layout) for i, column in enumerate(layout.poses)]
         tools += seen
         for number_in_line, (column, owner) in enumerate(_markers(layout, header, row)):
             tool = seen[owner] if owner >= 0 else None
             points.append(cells.marker(column, tool, number_in_line))
-    return Recording(str(path), tuple(points), tuple(tools), numbered="frame" in header)
+    named = {header[column] for column in layout.names if column >= 0}
+    notes = passed_over(header, rows, KNOWN_COLUMNS.union(named, filter(_is_heading, header)))
+    return Recording(str(path), tuple(points), tuple(tools), notes=notes, numbered="frame" in header)
+
+
+def _is_heading(name: str) -> bool:
+    """Whether a column heads those that follow, as ``Port 1`` and ``Stray markers`` do."""
+    return "stray" in name or name.startswith("port_")
 
 
 @dataclass(frozen=True)
@@ -83,10 +111,6 @@ class _Row:
         found = number(self.text(column), self.delimiter)
         return np.nan if found is None else found
 
-    def before(self, column: int, *names: str) -> int:
-        """Return the nearest column of one of ``names`` left of ``column``, or -1."""
-        return next((k for k in range(column - 1, -1, -1) if self.header[k] in names), -1)
-
     @property
     def frame(self) -> int:
         cell = self.text(self.header.index("frame") if "frame" in self.header else -1)
@@ -94,15 +118,14 @@ class _Row:
 
     @property
     def time_s(self) -> float:
-        seconds = self.value(
-            next((k for k, n in enumerate(self.header) if n in ("timespec", "timestamp", "time")), -1)
-        )
+        seconds = self.value(next((k for k, n in enumerate(self.header) if n in TIMES), -1))
         nanoseconds = self.value(self.header.index("timespec_ns")) if "timespec_ns" in self.header else 0.0
         return seconds + 1e-9 * nanoseconds
 
-    def tool(self, column: int, order: int) -> ToolReading:
-        name = self.text(self.before(column, *TOOLS))
-        status = _status(self.text(self.before(column, "transformstatus", "state", "status")))
+    def tool(self, column: int, order: int, layout: _Layout) -> ToolReading:
+        name = self.text(layout.names[order])
+        said = (_said(self.header[k], self.text(k)) for k in layout.seen[order])
+        status = next((one for one in said if one != OK), OK)
         matrix = None
         if _told_by_quaternion(self.header, column):
             matrix = quaternion_pose(
@@ -138,7 +161,33 @@ def _layout(header: list[str]) -> _Layout:
     poses = [tx for tx in places if _told_by_quaternion(header, tx) or set(header[max(tx - 3, 0) : tx]) == ANGLES]
     markers = [tx for tx in places if tx not in poses]
     owners = [_owner(header, poses, start) for start in markers]
-    return _Layout(tuple(poses), tuple(zip(markers, owners, strict=True)))
+    names = tuple(_name_column(header, tx, len(places) == 1) for tx in poses)
+    return _Layout(tuple(poses), names, tuple(zip(markers, owners, strict=True)), _seen(header, places, poses))
+
+
+def _name_column(header: list[str], tx: int, is_only_place: bool) -> int:
+    """Return the column that names the tool whose place begins at ``tx``, or -1."""
+    nearest = next((column for column in range(tx - 1, -1, -1) if header[column] in TOOLS), -1)
+    if nearest >= 0 or not is_only_place:
+        return nearest
+    return next((header.index(name) for name in ONE_TOOL if name in header), -1)
+
+
+def _seen(header: list[str], places: list[int], poses: list[int]) -> tuple[tuple[int, ...], ...]:
+    """Return the columns that say how each tool is seen.
+
+    They stand between the place before and its own, or are those of the tool before it; of a single tool they may stand
+    behind it, too.
+    """
+    said = [column for column, name in enumerate(header) if name in SEEN_COLUMNS]
+    if len(places) == 1:
+        return (tuple(said),) * len(poses)
+    found: list[tuple[int, ...]] = []
+    for tx in poses:
+        begin = max((place + 3 for place in places if place < tx), default=0)
+        own = tuple(column for column in said if begin <= column < tx)
+        found.append(own or (found[-1] if found else ()))
+    return tuple(found)
 
 
 def _told_by_quaternion(header: list[str], tx: int) -> bool:
@@ -173,6 +222,17 @@ def _require_layout(path: Path, layout: _Layout, header: list[str]) -> None:
             )
 
 
+def _require_heard(path: Path, layout: _Layout, header: list[str]) -> None:
+    """Raise `InputError` for a column that may say that something was not seen, where nothing tells of what."""
+    heard = {column for columns in layout.seen for column in columns} | {start - 1 for start, _ in layout.markers}
+    unheard = [name for column, name in enumerate(header) if name in SEEN_COLUMNS and column not in heard]
+    if unheard:
+        raise InputError(
+            f"{path} has {', '.join(unheard)} elsewhere than before a tool's pose or a marker's tx; expected one State "
+            "before each"
+        )
+
+
 def _require_columns(path: Path, layout: _Layout, header: list[str], row: list[str], index: int) -> None:
     """Raise `InputError` where a marker's state is a number, no word, or cells beyond the header are no markers'."""
     beyond = [column for column in range(len(header), len(row)) if row[column].strip()]
@@ -199,6 +259,11 @@ def _markers(layout: _Layout, header: list[str], row: list[str]) -> list[tuple[i
 
 def _runs(header: list[str], names: tuple[str, ...]) -> list[int]:
     return [k for k in range(len(header)) if tuple(header[k : k + len(names)]) == names]
+
+
+def _said(column: str, cell: str) -> str:
+    """Return what a cell says of a tool: `OK` where it says nothing else."""
+    return stated_status({column: cell}) if column in TRUTH_COLUMNS else _status(cell)
 
 
 def _status(text: str) -> str:

@@ -94,3 +94,56 @@ def test_tools_in_rows_are_told_apart_by_their_names(tmp_path: Path) -> None:
     recording = read_recording(written(tmp_path, "tools.csv", text))
     assert [(one.tool, one.frame) for one in recording.tools] == [("A", 5), ("B", 5)]
     assert recording.numbered
+
+
+POSE = "0.5,0.5,0.5,0.5,10,20,-1000"
+
+
+@pytest.mark.parametrize(
+    ("header", "rows", "status"),
+    [
+        ("q0,qx,qy,qz,tx,ty,tz,status", (f"{POSE},missing", f"{POSE},ok"), "missing"),
+        ("frame,q0,qx,qy,qz,tx,ty,tz,valid", (f"1,{POSE},0", f"2,{POSE},1"), "not valid"),
+        ("visible,frame,q0,qx,qy,qz,tx,ty,tz", (f"no,1,{POSE}", f"yes,2,{POSE}"), "not visible"),
+        ("status,valid,q0,qx,qy,qz,tx,ty,tz", (f"OK,0,{POSE}", f"OK,,{POSE}"), "not valid"),
+    ],
+)
+def test_what_a_row_says_of_its_one_pose_is_heard_wherever_it_stands(
+    tmp_path: Path, header: str, rows: tuple[str, str], status: str
+) -> None:
+    """The last pose of a tool that was hidden counted as a measured one."""
+    recording = read_recording(written(tmp_path, "own.csv", "\n".join([header, *rows])))
+    assert [one.status for one in recording.tools] == [status, "ok"]
+    assert recording.notes == ()
+
+
+def test_what_is_said_behind_several_tools_or_beside_a_marker_is_refused(tmp_path: Path) -> None:
+    """A tool would count by what is said of the one before it."""
+    tool = "q0,qx,qy,qz,tx,ty,tz,valid"
+    for header in (f"{tool},{tool}", "state,tx,ty,tz,valid", "valid,state,tx,ty,tz"):
+        path = written(tmp_path, "own.csv", f"{header}\n" + ",".join(["1"] * len(header.split(","))))
+        with pytest.raises(InputError, match="has valid elsewhere than before a tool's pose or a marker's tx"):
+            read_recording(path)
+
+
+def test_a_state_before_the_first_of_several_tools_is_that_of_all_that_have_none(tmp_path: Path) -> None:
+    tool = "q0,qx,qy,qz,tx,ty,tz"
+    text = f"state,{tool},{tool},state,{tool}\nmissing,{POSE},{POSE},OK,{POSE}\n"
+    recording = read_recording(written(tmp_path, "own.csv", text))
+    assert [one.status for one in recording.tools] == ["missing", "missing", "ok"]
+
+
+@pytest.mark.parametrize("header", ["frame,label,POSE", "frame,marker,POSE", "frame,POSE,tool"])
+def test_a_row_of_one_pose_names_its_tool_in_any_column_of_names(tmp_path: Path, header: str) -> None:
+    """Two tools were one."""
+    cells = header.replace("label", "{0}").replace("marker", "{0}").replace("tool", "{0}").replace("frame", "1")
+    rows = [cells.replace("POSE", POSE).format(name) for name in "AB"]
+    text = "\n".join([header.replace("POSE", "q0,qx,qy,qz,tx,ty,tz"), *rows])
+    assert read_recording(written(tmp_path, "own.csv", text)).tool_names == ("A", "B")
+
+
+def test_columns_that_are_not_read_are_told(tmp_path: Path) -> None:
+    own = f"frame,id,q0,qx,qy,qz,tx,ty,tz,quality\n1,3,{POSE},7\n"
+    recording = read_recording(written(tmp_path, "own.csv", own))
+    assert recording.notes == ("columns that are not read: id, quality",)
+    assert read_recording(written(tmp_path, "ndi.csv", NDI)).notes == ()
