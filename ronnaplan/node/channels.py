@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import threading
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from pydicom import dcmread
 from pydicom.dataset import Dataset
@@ -25,6 +27,7 @@ from ronnaplan.node.store import Status
 from ronnaplan.node.web import refusals, unreached, web_client
 
 if TYPE_CHECKING:
+    from pynetdicom import evt
     from pynetdicom.association import Association
 
 CLASSES: Final = (
@@ -34,6 +37,12 @@ CLASSES: Final = (
 """What is sent."""
 STORED: Final = 200
 """Status of HTTP that says that every instance was stored (PS3.18, 10.5.3)."""
+REPORT_S: Final = 1.0
+"""So long a receiver may take to say on the same association what it keeps; later it opens one of its own."""
+LOOK_S: Final = 0.02
+
+Note = Callable[["evt.Event"], Any]
+"""What notes a receiver's report, and answers it."""
 
 
 class Channel(Protocol):
@@ -49,20 +58,31 @@ class Channel(Protocol):
 
 
 @contextmanager
-def open_channel(config: Config, peer: Peer) -> Iterator[Channel]:
-    """Open a way to ``peer``; raises `InputError` where it cannot be reached."""
+def open_channel(config: Config, peer: Peer, note: Note) -> Iterator[Channel]:
+    """Open a way to ``peer``, whose report on commitment goes to ``note``; raises `InputError` if it is not reached."""
     if peer.url is not None:
         yield _Web(config, peer)
         return
+    from pynetdicom import evt
+
     from ronnaplan.node.association import associated
 
-    with associated(config, peer, [*CLASSES, COMMITMENT]) as association:
-        yield _Storage(association, peer)
+    reported = threading.Event()
+
+    def heard(event: evt.Event) -> Any:
+        try:
+            return note(event)
+        finally:
+            reported.set()
+
+    handlers = [(evt.EVT_N_EVENT_REPORT, heard)]
+    with associated(config, peer, [*CLASSES, COMMITMENT], handlers=handlers) as association:
+        yield _Storage(association, peer, reported)
 
 
 class _Storage:
-    def __init__(self, association: Association, peer: Peer) -> None:
-        self._association, self._peer = association, peer
+    def __init__(self, association: Association, peer: Peer, reported: threading.Event) -> None:
+        self._association, self._peer, self._reported = association, peer, reported
         self.commits = any(one.abstract_syntax == COMMITMENT for one in association.accepted_contexts)
         # pynetdicom sends a file as it lies there, piece by piece, and what must be encoded anew, from a copy of it all
         self._as_it_is = all(one.transfer_syntax[0] == EXPLICIT_LITTLE for one in association.accepted_contexts)
@@ -76,6 +96,9 @@ class _Storage:
             )
         if status.Status != 0:
             raise InputError(f"{self._peer.name} takes no request for storage commitment")
+        until = time.monotonic() + REPORT_S
+        while self._association.is_established and time.monotonic() < until and not self._reported.wait(LOOK_S):
+            pass
 
     def send(self, path: Path) -> None:
         from pynetdicom.status import STATUS_SUCCESS, STATUS_WARNING, code_to_category

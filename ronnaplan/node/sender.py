@@ -26,6 +26,7 @@ from ronnaplan.node.config import Config, Peer
 from ronnaplan.node.index import Index
 from ronnaplan.node.jobs import wait_s
 from ronnaplan.node.logs import Log
+from ronnaplan.node.services import Services
 from ronnaplan.text import printable
 
 MOST_AT_ONCE: Final = 32
@@ -51,6 +52,7 @@ class Sender(threading.Thread):
         super().__init__(name=f"to {peer.name}", daemon=True)
         self._config, self._peer, self._log = config, peer, log
         self._audit = Audit(config.data, config.audit, config.titles[0], log)
+        self._services = Services(config, log, lambda _: peer)
         self._ending = threading.Event()
         self._went = 0
         """How often, one time after the other, the receiver has gone when it was asked for storage commitment."""
@@ -88,7 +90,7 @@ class Sender(threading.Thread):
         sent: dict[tuple[str, str], Instances] = {}
         waiting = list(due)
         try:
-            with open_channel(self._config, self._peer) as channel:
+            with open_channel(self._config, self._peer, self._services.note) as channel:
                 taken: list[Named] = []
                 while waiting:
                     one = waiting[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import nullcontext
@@ -12,10 +13,19 @@ from typing import Any
 import pytest
 from pydicom.dataset import Dataset
 from pydicom.uid import CTImageStorage
-from pynetdicom import AE, build_role
+from pynetdicom import AE, build_role, evt
+from pynetdicom.association import Association
 
 from ronnaplan.errors import InputError
-from ronnaplan.node.commitment import ALL_KEPT, COMMITMENT, WELL_KNOWN, begin_asking, note_report
+from ronnaplan.node.channels import CLASSES
+from ronnaplan.node.commitment import (
+    ALL_KEPT,
+    COMMITMENT,
+    NOT_ALL_KEPT,
+    WELL_KNOWN,
+    begin_asking,
+    note_report,
+)
 from ronnaplan.node.index import Index
 from ronnaplan.node.logs import Log
 from ronnaplan.node.sender import Sender
@@ -86,6 +96,41 @@ def test_what_a_receiver_does_not_keep_is_delivered_again(index: Index, tmp_path
     assert states == [("1.7", "waiting"), ("1.8", "kept"), ("1.9", "waiting")]
     with pytest.raises(InputError, match="nothing was asked for"):
         note_report(index, "pacs", report, 10.0, 30.0)
+
+
+@pytest.mark.parametrize("keeps", [True, False])
+def test_a_receiver_may_report_on_the_association_on_which_it_was_asked(tmp_path: Path, keeps: bool) -> None:
+    """Its report was refused, and what it does not keep was not delivered again."""
+    answered: list[int] = []
+
+    def report(association: Association, asked: Dataset) -> None:
+        told = Dataset()
+        told.TransactionUID = asked.TransactionUID
+        told.update({"ReferencedSOPSequence" if keeps else "FailedSOPSequence": asked.ReferencedSOPSequence})
+        kind = ALL_KEPT if keeps else NOT_ALL_KEPT
+        answered.append(association.send_n_event_report(told, kind, COMMITMENT, WELL_KNOWN)[0].Status)
+
+    def promise(event: evt.Event) -> tuple[int, None]:
+        # once the request is answered
+        threading.Timer(0.2, report, (event.assoc, event.action_information)).start()
+        return 0, None
+
+    entity = AE("ARCHIVE")
+    for sop_class in (*CLASSES, COMMITMENT):
+        entity.add_supported_context(sop_class)
+    handlers: list[Any] = [(evt.EVT_C_STORE, lambda _: 0), (evt.EVT_N_ACTION, promise)]
+    server = entity.start_server(("127.0.0.1", 0), block=False, evt_handlers=handlers)
+    try:
+        peer = {"name": "archive", "title": "ARCHIVE", "port": server.socket.getsockname()[1]}
+        config = configuration(tmp_path, peer=[peer])
+        config.data.mkdir()
+        with Index(config.data) as index:
+            waiting_answer(config, index)
+            state = delivered(config, index, 100.0)
+    finally:
+        server.shutdown()
+    assert answered == [0]
+    assert state == ("kept" if keeps else "waiting it was taken but is not kept")
 
 
 def test_only_who_is_no_stranger_reports_and_who_sends_no_scans_stores_none(tmp_path: Path) -> None:

@@ -281,7 +281,7 @@ def test_an_answer_that_dicomweb_does_not_say_to_have_stored_is_not_delivered(
     stored, failed = told("ReferencedSOPSequence", own), told("FailedSOPSequence", own, 0xA700)
     there = told("FailedSOPSequence", own, 0x0111)
     for answer in ((200, None), (200, stored), (202, stored), (202, there), (409, there)):
-        with serving(Web([], [], stored=answer)) as peer, open_channel(Config(), peer) as channel:
+        with serving(Web([], [], stored=answer)) as peer, open_channel(Config(), peer, print) as channel:
             channel.send(path)
     unsure = ((202, None), (202, told("ReferencedSOPSequence", "1.2.404")))
     for answer, why in (
@@ -294,7 +294,7 @@ def test_an_answer_that_dicomweb_does_not_say_to_have_stored_is_not_delivered(
     ):
         with (
             serving(Web([], [], stored=answer)) as peer,
-            open_channel(Config(), peer) as channel,
+            open_channel(Config(), peer, print) as channel,
             pytest.raises(InputError, match=why),
         ):
             channel.send(path)
