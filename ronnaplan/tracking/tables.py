@@ -120,9 +120,9 @@ def _lengths(header: Sequence[str]) -> list[int]:
 
 
 def _require_delimiter(path: Path, row: list[str], delimiter: str) -> None:
-    """Refuse a ``row`` of numbers with blanks between, as other programs save points: its one cell names no columns."""
-    words = row[0].split()
-    if len(row) == 1 and len(words) > 1 and all(number(word, delimiter) is not None for word in words):
+    """Refuse a ``row`` of numbers with blanks between, as other programs save points, with a name or without."""
+    numbers = [word for word in row[0].split() if number(word, delimiter) is not None]
+    if len(row) == 1 and len(numbers) > 2:
         raise InputError(
             f"{path} separates its columns by blanks; expected a comma, ';' or a tab, and a first line that names "
             "them, such as x,y,z"

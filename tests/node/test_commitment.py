@@ -106,7 +106,7 @@ def test_a_receiver_may_report_on_the_association_on_which_it_was_asked(tmp_path
     def report(association: Association, asked: Dataset) -> None:
         told = Dataset()
         told.TransactionUID = asked.TransactionUID
-        told.update({"ReferencedSOPSequence" if keeps else "FailedSOPSequence": asked.ReferencedSOPSequence})
+        setattr(told, "ReferencedSOPSequence" if keeps else "FailedSOPSequence", asked.ReferencedSOPSequence)
         kind = ALL_KEPT if keeps else NOT_ALL_KEPT
         answered.append(association.send_n_event_report(told, kind, COMMITMENT, WELL_KNOWN)[0].Status)
 
@@ -119,7 +119,7 @@ def test_a_receiver_may_report_on_the_association_on_which_it_was_asked(tmp_path
     for sop_class in (*CLASSES, COMMITMENT):
         entity.add_supported_context(sop_class)
     handlers: list[Any] = [(evt.EVT_C_STORE, lambda _: 0), (evt.EVT_N_ACTION, promise)]
-    server = entity.start_server(("127.0.0.1", 0), block=False, evt_handlers=handlers)
+    server: Any = entity.start_server(("127.0.0.1", 0), block=False, evt_handlers=handlers)
     try:
         peer = {"name": "archive", "title": "ARCHIVE", "port": server.socket.getsockname()[1]}
         config = configuration(tmp_path, peer=[peer])

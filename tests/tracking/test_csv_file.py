@@ -102,6 +102,8 @@ def test_a_first_line_that_tells_a_spreadsheet_the_delimiter_is_heard(tmp_path: 
         (",,,\n,,,\n", "is empty"),
         ("x y z\n1.5 2.5 3.5\n", "separates its columns by blanks"),
         ("1.5e+01 2.5 3.5\n", "separates its columns by blanks"),
+        ("F1 1.5 2.5 3.5\n", "separates its columns by blanks"),
+        ("name x y z\nF 1 1.5 2.5 3.5\n", "separates its columns by blanks"),
         ("x,y,z,unit\n1,2,3,mm\n1,2,3,m\n", "row 2 below the header says its unit is 'm'"),
         ("x,y,z,Units\n1,2,3,inch\n", "unit is 'inch'"),
         ("frame,x,y,z\n,m,m,m\n1,0.1,0.2,0.3\n", r"column 'x \[m\]'; expected it in mm"),
