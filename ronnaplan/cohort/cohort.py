@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
@@ -23,9 +24,11 @@ from ronnaplan.ct.files import given_path
 from ronnaplan.documents.files import make_folder
 from ronnaplan.errors import InputError
 from ronnaplan.extras import require_packages
+from ronnaplan.jobs.rules import never_reached
 from ronnaplan.jobs.serving import DONE, REFUSED
 from ronnaplan.text import printable
 
+LOG = logging.getLogger(__name__)
 LOCK = "cohort.lock"
 THIS_MACHINE = ("", "file", "local")
 """Protocols of URLs that mean a path here; "" where there is none."""
@@ -71,6 +74,10 @@ def run_cohort(
     from ronnaplan.cohort.tables import write_tables
 
     tasks = tasks_of(rules)
+    for hidden, rule in never_reached(rules.rule):
+        LOG.warning(
+            "the rule '%s' is never reached: '%s', before it, fits all that it does", hidden.name, rule.name
+        )
     places = list(dict.fromkeys(_whole(root) for root in roots))
     if list_roots:
         _check_roots(places, out)  # before there is a folder that tells of a run

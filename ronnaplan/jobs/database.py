@@ -6,8 +6,11 @@ import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import fields
+from functools import cache
 from pathlib import Path
 from typing import Any, Self, TypeVar
+
+from ronnaplan.errors import InputError
 
 WAIT_S = 30.0
 """How long a writer waits for another one's transaction."""
@@ -16,7 +19,10 @@ Row = TypeVar("Row")
 
 
 class Database:
-    """One connection to the database in the file ``path``, whose tables ``schema`` makes; one thread at a time."""
+    """One connection to the database in the file ``path``, whose tables ``schema`` makes; one thread at a time.
+
+    Raises `InputError` where one of these tables is there with other columns.
+    """
 
     def __init__(self, path: Path, schema: str) -> None:
         self._connection = sqlite3.connect(path, timeout=WAIT_S, isolation_level=None, check_same_thread=False)
@@ -24,8 +30,9 @@ class Database:
             self._connection.execute("PRAGMA journal_mode = WAL")
             self._connection.execute("PRAGMA synchronous = FULL")
             self._connection.execute("PRAGMA foreign_keys = ON")
+            _require_columns(self._connection, path, schema)
             self._connection.executescript(schema)
-        except sqlite3.Error:  # no database, or a full disk
+        except (sqlite3.Error, InputError):  # no database, a full disk, or of another version
             self.close()
             raise
 
@@ -78,3 +85,27 @@ class Database:
         """Return the first column of the first row; None without one."""
         found = self.rows(sql, *values)
         return found[0][0] if found else None
+
+
+def _require_columns(connection: sqlite3.Connection, path: Path, schema: str) -> None:
+    expected, found = _columns_of(schema), _columns(connection)
+    for table in expected.keys() & found.keys():
+        if unlike := expected[table] ^ found[table]:
+            raise InputError(
+                f"{path} was made by another version of ronnaplan: its table {table} differs in "
+                f"{', '.join(sorted(unlike))}; name another folder"
+            )
+
+
+@cache
+def _columns_of(schema: str) -> dict[str, set[str]]:
+    with closing(sqlite3.connect(":memory:")) as made:
+        made.executescript(schema)
+        return _columns(made)
+
+
+def _columns(connection: sqlite3.Connection) -> dict[str, set[str]]:
+    """Return the columns of each table."""
+    tables = [name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
+    query = "SELECT name FROM pragma_table_info(?)"
+    return {table: {name for (name,) in connection.execute(query, (table,))} for table in tables}

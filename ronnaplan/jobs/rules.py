@@ -46,9 +46,18 @@ class ScanRule(DocumentModel):
         """Whether all patterns fit the texts about a series."""
         return all(_fits(getattr(self, name), texts[name]) for name in self.patterns)
 
+    def covers(self, other: Self) -> bool:
+        """Whether all that ``other`` fits is plainly fitted by this one, too."""
+        return all(_covers(getattr(self, name), getattr(other, name)) for name in self.patterns)
+
 
 def _fits(pattern: str, told: str) -> bool:
     return fnmatchcase(told.casefold(), pattern.casefold().replace("[", "[[]"))  # brackets stand for themselves
+
+
+def _covers(pattern: str, other: str) -> bool:
+    """Whether one pattern fits the other as a text, of which a ``?`` would take a ``*`` for one character."""
+    return pattern.casefold() == other.casefold() or ("?" not in pattern and _fits(pattern, other))
 
 
 AnyRule = TypeVar("AnyRule", bound=ScanRule)
@@ -57,3 +66,9 @@ AnyRule = TypeVar("AnyRule", bound=ScanRule)
 def first_fitting(rules: Sequence[AnyRule], texts: Mapping[str, str]) -> AnyRule | None:
     """Return the first rule that fits the texts about a series, by the names of its patterns; None without one."""
     return next((rule for rule in rules if rule.fits(texts)), None)
+
+
+def never_reached(rules: Sequence[AnyRule]) -> list[tuple[AnyRule, AnyRule]]:
+    """Return the rules that no series goes by, each with an earlier one that fits all that it does."""
+    earlier = ((rule, next((one for one in rules[:n] if one.covers(rule)), None)) for n, rule in enumerate(rules))
+    return [(rule, first) for rule, first in earlier if first is not None]

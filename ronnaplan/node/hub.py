@@ -12,6 +12,7 @@ from pathlib import Path
 from ronnaplan.documents.files import make_folder
 from ronnaplan.errors import InputError
 from ronnaplan.jobs.processes import Child
+from ronnaplan.jobs.rules import never_reached
 from ronnaplan.node import work
 from ronnaplan.node.audit import Audit
 from ronnaplan.node.config import Config, read_config
@@ -63,6 +64,8 @@ def run_node(config_path: Path, stop: threading.Event, log: Log, worker: str = W
         hub = Hub(config_path, config, index, log, worker)
         stack.callback(hub.close)
         log.tell("started", titles=list(config.titles), folder=str(config.data))
+        for hidden, rule in never_reached(config.rule):
+            log.tell("rule never reached", rule=hidden.name, behind=rule.name)
         for rule in config.rule:
             if rule.template is not None and not (config.home / rule.template).is_file():
                 log.tell("no template", rule=rule.name, file=str(config.home / rule.template))

@@ -92,7 +92,9 @@ def test_a_folder_that_cannot_be_used_is_told(tmp_path: Path, monkeypatch: pytes
             cohort(tmp_path)
     with Index(tmp_path / "out") as index:
         index.run("ALTER TABLE series DROP COLUMN reason")  # as another version may have it
-    with pytest.raises(InputError, match="no such column: reason"):
+    with pytest.raises(
+        InputError, match=r"another version of ronnaplan: its table series differs in reason; name"
+    ):
         cohort(tmp_path)
     (tmp_path / "out" / "index.sqlite").write_bytes(b"damaged" * 1000)
     with pytest.raises(InputError, match="not a database"):
@@ -124,6 +126,15 @@ def test_one_file_is_counted_as_one(tmp_path: Path, capsys: pytest.CaptureFixtur
     (tmp_path / "in" / "notes.txt").write_text("no scan")
     assert main(["cohort", str(tmp_path / "in"), "-o", str(tmp_path / "out")]) == 0
     assert "1 file, 1 of them new" in capsys.readouterr().err
+
+
+def test_a_rule_behind_one_that_fits_all_that_it_does_is_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    tiny(tmp_path / "in", "6")
+    rules = Rules(rule=(RULE, CohortRule(name="late", folder="qa*")))
+    run_cohort([str(tmp_path / "in")], tmp_path / "out", rules, module=FAKE, workers=1)
+    assert "the rule 'late' is never reached: 'all', before it, fits all that it does" in caplog.messages
 
 
 def test_series_of_no_rule_are_left_and_the_last_listing_can_be_taken(

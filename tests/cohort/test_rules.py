@@ -13,7 +13,7 @@ from ronnaplan.cohort.planning import decide, tasks_of
 from ronnaplan.cohort.rules import EXAMPLE, CohortRule, Rules, Task, read_rules
 from ronnaplan.documents.files import make_folder
 from ronnaplan.errors import InputError
-from ronnaplan.jobs.rules import first_fitting
+from ronnaplan.jobs.rules import first_fitting, never_reached
 from tests.cohort.scans import tiny
 
 SERIES = {
@@ -41,6 +41,25 @@ def test_brackets_in_a_pattern_stand_for_themselves() -> None:
     rule = CohortRule(name="x", description="Head [Bone] *")
     assert first_fitting((rule,), {**SERIES, "description": "HEAD [bone] 0.6"}) is not None
     assert first_fitting((rule,), {**SERIES, "description": "Head B 0.6"}) is None
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "is_hidden"),
+    [
+        ({}, {"folder": "qa*"}, True),
+        ({"folder": "QA*"}, {"folder": "qa/2026*", "station": "CT1"}, True),
+        ({"folder": "a?c"}, {"folder": "A?c"}, True),
+        ({"folder": "[*"}, {"folder": "[a]"}, True),
+        ({}, {"modality": "*"}, False),
+        ({"folder": "?"}, {"folder": "*"}, False),
+        ({"folder": "qa*", "station": "CT1"}, {"folder": "qa*"}, False),
+    ],
+)
+def test_a_rule_is_never_reached_only_if_an_earlier_one_fits_all_that_it_does(
+    first: dict[str, str], second: dict[str, str], is_hidden: bool
+) -> None:
+    rules = [CohortRule(name="x", **first), CohortRule(name="y", **second)]  # type: ignore[arg-type]
+    assert never_reached(rules) == [(rules[1], rules[0])] * is_hidden
 
 
 @pytest.mark.parametrize(

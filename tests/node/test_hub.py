@@ -57,7 +57,7 @@ def test_a_node_receives_through_its_receiver_s_death_and_ends_whole(tmp_path: P
         assert index.rows("SELECT instances, revision, complete FROM series") == [(2, 2, 2)]
 
 
-def test_a_template_that_is_not_there_is_told_at_the_start(tmp_path: Path) -> None:
+def test_a_template_that_is_not_there_and_a_rule_never_reached_are_told_at_the_start(tmp_path: Path) -> None:
     path = tmp_path / "node.toml"
     path.write_text(
         "[[rule]]\nname = 'frame'\ntemplate = 'frame.json'\n[[rule]]\nname = 'here'\ntemplate = 'node.toml'\n"
@@ -68,6 +68,8 @@ def test_a_template_that_is_not_there_is_told_at_the_start(tmp_path: Path) -> No
     lines = [json.loads(line) for line in told.getvalue().splitlines()]
     missing = [(one["rule"], one["file"]) for one in lines if one["event"] == "no template"]
     assert missing == [("frame", str(tmp_path / "frame.json"))]
+    hidden = [(one["rule"], one["behind"]) for one in lines if one["event"] == "rule never reached"]
+    assert hidden == [("here", "frame")]
 
 
 def test_an_index_that_is_gone_or_damaged_is_told_and_costs_no_scan(tmp_path: Path) -> None:
