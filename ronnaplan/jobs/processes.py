@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Mapping
 
+from ronnaplan.pipes import environment
 from ronnaplan.portable import OWN_GROUP
 
 END_S = 10.0
@@ -16,14 +16,17 @@ END_S = 10.0
 
 
 class Child:
-    """``python -m module arguments``; ``line`` is called, in a thread, with each line that it writes."""
+    """``python -m module arguments``, of this very package, with variables ``added`` to its environment.
+
+    ``line`` is called, in a thread, with each line that it writes.
+    """
 
     def __init__(
         self,
         module: str,
         arguments: list[str],
         line: Callable[[str], None],
-        environment: Mapping[str, str] | None = None,
+        added: Mapping[str, str],
     ) -> None:
         self._process = subprocess.Popen(
             [sys.executable, "-m", module, *arguments],
@@ -31,7 +34,7 @@ class Child:
             stdout=subprocess.PIPE,
             encoding="utf-8",
             errors="replace",
-            env=None if environment is None else {**os.environ, **environment},
+            env={**environment(), **added},
             **OWN_GROUP,
         )
         self._line = line

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import os
 import re
 import socket
 import threading
@@ -51,7 +50,6 @@ def test_a_message_to_syslog_is_one_of_rfc_5424_with_the_hashes(tmp_path: Path) 
 def test_the_trail_says_what_was_done_with_each_scan_and_how_it_ended(
     index: Index, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path.cwd()), os.environ.get("PYTHONPATH", "")]))
     for uid in ("1.4.0", "1.4.2", "1.4.4"):
         job(index, uid)
     config = configuration(

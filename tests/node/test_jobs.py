@@ -73,9 +73,8 @@ def work_off(foreman: Foreman, index: Index, seconds: float) -> None:
 
 
 def test_files_that_are_no_answers_are_removed_at_the_start_and_with_their_job(
-    index: Index, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    index: Index, tmp_path: Path
 ) -> None:
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path.cwd()), os.environ.get("PYTHONPATH", "")]))
     config = configuration(tmp_path, rule=[{"name": "all"}])
     answers = config.data / "answers"
     (answers / "9").mkdir(parents=True)
@@ -88,10 +87,7 @@ def test_files_that_are_no_answers_are_removed_at_the_start_and_with_their_job(
     assert [path.name for path in answers.rglob("*.*")] == ["x.dcm"]
 
 
-def test_no_job_keeps_another_one_waiting_and_each_ends_as_it_should(
-    index: Index, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path.cwd()), os.environ.get("PYTHONPATH", "")]))
+def test_no_job_keeps_another_one_waiting_and_each_ends_as_it_should(index: Index, tmp_path: Path) -> None:
     for uid in ("1.4.1", "1.4.2", "1.4.3", "1.4.4", "1.4.0"):
         job(index, uid)
     said = io.StringIO()
@@ -161,10 +157,7 @@ class FullDisk(Index):
 
 
 @pytest.mark.parametrize("statement", ["INSERT INTO answers", "UPDATE jobs SET state = ?, reason = ?"])
-def test_what_a_full_disk_keeps_from_being_noted_is_noted_later(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, statement: str
-) -> None:
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path.cwd()), os.environ.get("PYTHONPATH", "")]))
+def test_what_a_full_disk_keeps_from_being_noted_is_noted_later(tmp_path: Path, statement: str) -> None:
     config = configuration(tmp_path, rule=[{"name": "all"}])
     config.data.mkdir()
     with FullDisk(config.data) as index:
@@ -176,10 +169,7 @@ def test_what_a_full_disk_keeps_from_being_noted_is_noted_later(
         assert index.rows("SELECT kind FROM answers") == [("sr",)]
 
 
-def test_a_job_waits_for_room_longer_than_its_attempts(
-    index: Index, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path.cwd()), os.environ.get("PYTHONPATH", "")]))
+def test_a_job_waits_for_room_longer_than_its_attempts(index: Index, tmp_path: Path) -> None:
     job(index, "1.4.0")
     (tmp_path / "full").touch()
     config = configuration(tmp_path, jobs={"attempts": 1, "retry_s": 0.1}, rule=[{"name": "all"}])
@@ -251,10 +241,7 @@ def test_a_job_of_a_series_that_has_grown_is_not_begun(index: Index, tmp_path: P
         foreman.close()
 
 
-def test_a_worker_is_there_for_what_comes_in_or_waits_and_gone_afterwards(
-    index: Index, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path.cwd()), os.environ.get("PYTHONPATH", "")]))
+def test_a_worker_is_there_for_what_comes_in_or_waits_and_gone_afterwards(index: Index, tmp_path: Path) -> None:
     config = configuration(tmp_path, jobs={"workers": 3}, rule=[{"name": "all", "calling": "CT1"}])
     foreman = Foreman(config, index, Log(io.StringIO()), "tests.node.fake_work")
 
