@@ -25,6 +25,9 @@ NO_NUMBERS = "bSUmM"
 SYMMETRY_TOLERANCE = 1e-6
 """Largest asymmetry of a covariance, and largest variance below zero, relative to its largest entry."""
 
+SD_PER_DEVIATION = 1.4826
+"""Standard deviation of normal errors, as a multiple of the median of their absolute deviations."""
+
 LONGEST_LABELS = 100
 """Characters of points' labels in the line that names the points."""
 

@@ -11,9 +11,12 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+
 from ronnaplan import __version__
 from ronnaplan.cohort.index import Index
 from ronnaplan.errors import InputError
+from ronnaplan.geometry import rms_mm
 from ronnaplan.jobs.serving import DONE
 from ronnaplan.portable import replace
 
@@ -135,7 +138,7 @@ def _marker_rows(series: Row, markers: list[Row]) -> Iterator[Row]:
 
 
 def _error_rms_mm(marker: Row) -> float:
-    return float(sum(marker["covariance"][axis][axis] for axis in range(3)) ** 0.5)
+    return float(rms_mm(np.array(marker["covariance"])))
 
 
 def _schema(columns: dict[str, str]) -> Schema:

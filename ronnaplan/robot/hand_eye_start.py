@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import invert, rigid
-from ronnaplan.robot.pivot import FEWEST_POSES, MAXWELL_MEDIAN, SLIP_SDS
+from ronnaplan.robot.pivot import FEWEST_FOR_SCATTER, MAXWELL_MEDIAN, SLIP_SDS
 from ronnaplan.text import listed, runs
 
 FINEST = (1e-9, 1e-6)
@@ -54,7 +54,7 @@ def discrepancies(seen: FloatArray, driven: FloatArray, left: FloatArray, right:
 
 def far_off(seen: FloatArray, driven: FloatArray) -> NDArray[np.bool_]:
     """Return which poses (N,) leave more, in angle or place, than `SLIP_SDS` robust deviations; of a few, none."""
-    if len(seen) < FEWEST_POSES:
+    if len(seen) < FEWEST_FOR_SCATTER:
         return np.zeros(len(seen), dtype=bool)
     lengths = _lengths_left(seen, driven)
     return np.asarray((lengths > SLIP_SDS * _usual(lengths)).any(axis=1))

@@ -19,7 +19,7 @@ from ronnaplan.pose import as_poses, as_stack, cross_matrix, first_told
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
 from ronnaplan.text import successive
 
-FEWEST_POSES = 10
+FEWEST_FOR_SCATTER = 10
 """Of fewer the scatter is not known, however often each is repeated."""
 SLIP_SDS = 6.0
 """A pose whose residual is longer than this many robust standard deviations (per axis) has slipped."""
@@ -97,11 +97,11 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
     offered = as_stack(poses, "pivot poses")
     told, which = first_told(offered)
     different = len(told)
-    if different < FEWEST_POSES:
+    if different < FEWEST_FOR_SCATTER:
         once = "different " * (different < len(offered))
         raise InputError(
-            f"the pivot has {different} {once}pose{'s' * (different != 1)}, expected {FEWEST_POSES} or more; turn the "
-            "tool about the divot to all sides while it is recorded"
+            f"the pivot has {different} {once}pose{'s' * (different != 1)}, expected {FEWEST_FOR_SCATTER} or more; "
+            "turn the tool about the divot to all sides while it is recorded"
         )
     matrices = as_poses(offered, "pivot pose")[told]
     _require_turning(matrices[:, :3, :3])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import SD_PER_DEVIATION, FloatArray
 from ronnaplan.robot.profiles_compiled import PROFILE
 from ronnaplan.robot.shading_compiled import ASIDE, BLUR, COMMON, FALLING, LIGHT, OVAL, TILT, Flags
 
@@ -67,7 +67,7 @@ def judge(
         good = misfits < LARGEST_MISFITS[step >= EARLY] * typical
         if step >= EARLY:
             deviations = np.abs(shifts) / np.hypot(state.noise / np.sqrt(sharp), FLOOR_PX)
-            good &= deviations < OUTLIER_SDS * max(1.4826 * _middle(deviations[state.kept]), 1.0)
+            good &= deviations < OUTLIER_SDS * max(SD_PER_DEVIATION * _middle(deviations[state.kept]), 1.0)
         good &= pixels * (FIRST_EVERY if step < EARLY else 1) > FEWEST_PIXELS
         good = good & np.roll(good, 1) & np.roll(good, -1)  # what spoils a sector reaches into the next
         state.kept = good if step < decided else good & state.kept

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.errors import InputError, check_type
-from ronnaplan.geometry import FloatArray, Frame, Points, require_sigma
+from ronnaplan.geometry import SD_PER_DEVIATION, FloatArray, Frame, Points, require_sigma
 from ronnaplan.sigmas import SIGMA_OTS_MM
 from ronnaplan.text import place
 from ronnaplan.tracking.recording import PointReading, Recording, require_one_system
@@ -224,7 +224,7 @@ def _assigned(current_mm: FloatArray, last_mm: FloatArray) -> dict[int, int]:
 def _agreeing(positions_mm: FloatArray) -> NDArray[np.bool_]:
     """Return which of ``positions_mm`` (N, 3) are no outliers on any axis; none where each is one on some axis."""
     middle = np.median(positions_mm, axis=0)
-    spread = np.maximum(1.4826 * np.median(np.abs(positions_mm - middle), axis=0), SMALLEST_SD_MM)
+    spread = np.maximum(SD_PER_DEVIATION * np.median(np.abs(positions_mm - middle), axis=0), SMALLEST_SD_MM)
     return np.asarray((np.abs(positions_mm - middle) <= OUTLIER_SDS * spread).all(axis=1))
 
 

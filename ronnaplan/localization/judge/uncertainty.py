@@ -26,7 +26,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import SD_PER_DEVIATION, FloatArray
 from ronnaplan.localization.build import is_off_size
 from ronnaplan.localization.fit.algebra import inverse
 from ronnaplan.localization.fit.ball_fit import BallFit
@@ -222,7 +222,7 @@ def noise_level(fit: BallFit) -> float:
         means = cell_means(residuals_hu, cells, zone)
         left_over = (residuals_hu - means[cells])[zone]
         middle = np.median(left_over)
-        spread = 1.4826 * float(np.median(left_over[left_over >= middle] - middle))
+        spread = SD_PER_DEVIATION * float(np.median(left_over[left_over >= middle] - middle))
         freedom = max(1.0 - np.count_nonzero(~np.isnan(means)) / len(left_over), MIN_FREEDOM)
         levels.append(spread / float(np.sqrt(freedom)))
     return max(min(levels, default=_rms(fit.residuals_hu[fit.used])), QUANTIZATION_NOISE_HU)

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import SD_PER_DEVIATION, FloatArray
 
 LEAST_MARKERS = 6
 """The five numbers that are fitted would suit fewer markers by chance."""
@@ -75,7 +75,7 @@ def _alike(places: FloatArray, blurs_mm2: FloatArray) -> tuple[FloatArray, float
         left = np.abs(told - design @ fitted)
         turn = max(float(fitted[2]), 0.0)
         u, v = np.clip(fitted[3:] / turn, -LARGEST_OFFSET, LARGEST_OFFSET) if turn > 0.0 else np.zeros(2)
-        scatter = 1.4826 * float(np.median(left / np.tile(errors, 2))) * math.sqrt(len(told) / freedom)
+        scatter = SD_PER_DEVIATION * float(np.median(left / np.tile(errors, 2))) * math.sqrt(len(told) / freedom)
         scatter = max(scatter, LEAST_SCATTER_MM2)
         errors = np.hypot(1.0, TURN_SHARE * turn / 2.0 * ((x - u) ** 2 + (y - v) ** 2) / scatter)
         unlike = np.hypot(*left.reshape(2, -1)) / (DOUBTED * scatter * errors)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import SD_PER_DEVIATION, FloatArray
 from ronnaplan.localization.build import SIZE_TOLERANCE_MM
 from ronnaplan.localization.judge.motion import LEAST_TOGETHER, Movement
 from ronnaplan.localization.judge.uncertainty import LAG_MM, WEIGHTS, WITHIN, by_panel
@@ -84,4 +84,4 @@ def beyond_usual_mm(excesses_mm: FloatArray, errors_mm: FloatArray) -> FloatArra
 
 def robust_spread(values: FloatArray) -> float:
     """Standard deviation of ``values`` (N,) by their median absolute deviation: a minority does not disturb it."""
-    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+    return SD_PER_DEVIATION * float(np.median(np.abs(values - np.median(values))))
