@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.errors import UsageError
 
     if arguments.init:
-        return _init(arguments.rules)
+        return _init(arguments)
     if arguments.output is None or (not arguments.roots and not arguments.as_listed):
         raise UsageError("a ROOT and -o OUT are needed; --rules FILE --init writes example rules")
     from tqdm.contrib.logging import logging_redirect_tqdm
@@ -61,14 +61,17 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _init(path: str | None) -> int:
+def _init(arguments: argparse.Namespace) -> int:
     from ronnaplan.cohort.rules import EXAMPLE
     from ronnaplan.documents.files import write_new
     from ronnaplan.errors import UsageError
 
-    if path is None:
+    if arguments.rules is None:
         raise UsageError("--init needs --rules FILE, the file to write")
-    write_new(path, EXAMPLE)
+    run = ("roots", "output", "scheduler", "workers", "as_listed", "again")
+    if any(getattr(arguments, name) for name in run):
+        raise UsageError("--init writes --rules FILE and lists nothing; leave all else out")
+    write_new(arguments.rules, EXAMPLE)
     return 0
 
 

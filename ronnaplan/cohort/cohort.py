@@ -86,8 +86,10 @@ def run_cohort(
     make_folder(out)
     with _opened(out) as index:
         known = {root for (root,) in index.rows(_ROOTS)}
-        if not list_roots and not known:
-            raise _nothing_listed(out)
+        if not list_roots:
+            if not known:
+                raise _nothing_listed(out)
+            _require_listed(index, places)
         _require_apart({*places, *known})
         listed = bring_up_to_date(index, places, progress=progress) if list_roots else Listed()
         decide(index, rules, tasks, again=again)
@@ -117,6 +119,14 @@ def _whole(root: str) -> str:
         return kept_name(os.path.abspath(given_path(root)))  # noqa: PTH100
     protocol, _, path = root.partition("://")
     return kept_name(f"{protocol}://{path.rstrip('/')}")
+
+
+def _require_listed(index: Index, roots: Iterable[str]) -> None:
+    """Raise `InputError` for a root that was never listed: it would be passed over."""
+    listed = {root for (root,) in index.rows("SELECT root FROM places WHERE archive = ''")}
+    for root in roots:
+        if root not in listed:
+            raise InputError(f"{printable(root)} has not been listed in {index.folder} yet; leave --as-listed out")
 
 
 def _nothing_listed(out: Path) -> InputError:

@@ -223,7 +223,7 @@ class Place:
                 listed = files.ls(folder, detail=True)
             except Exception as error:
                 reason = f"the folder cannot be opened ({printable(error)})"
-                skipped.append(Skipped(printable(folder), reason, True, folder))
+                skipped.append(Skipped(printable(folder or self.root), reason, True, folder))
                 continue
             below = self.below(folder)
             for info in listed:

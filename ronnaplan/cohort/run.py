@@ -97,8 +97,9 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
 
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # a lost scheduler is told in one sentence
     if scheduler is None:
-        logging.getLogger("distributed.worker").setLevel(logging.ERROR)  # nor what Ctrl-C interrupts
-        logging.getLogger("tornado.application").setLevel(logging.CRITICAL)  # in the midst of a call, too
+        # nor what the end of the cluster, or Ctrl-C, interrupts in the midst of a call
+        for name in ("distributed.worker", "tornado.application"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
         count = workers or cores()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)

@@ -100,4 +100,5 @@ def test_the_cluster_of_this_process_takes_no_samples_of_itself_and_is_none_of_t
         assert {server.address for server in servers} == {"127.0.0.1"}
         assert not {"profile", "profile-cycle"} & set(worker.periodic_callbacks)
         assert worker.periodic_callbacks["tick"].callback_time == 1000.0
-        assert not logging.getLogger("tornado.application").isEnabledFor(logging.ERROR)  # what Ctrl-C interrupts
+        for name in ("distributed.worker", "tornado.application"):  # what its end, or Ctrl-C, interrupts
+            assert not logging.getLogger(name).isEnabledFor(logging.ERROR)

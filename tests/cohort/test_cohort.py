@@ -121,6 +121,18 @@ def test_a_damaged_index_is_let_go_of(tmp_path: Path, monkeypatch: pytest.Monkey
         opened[0].execute("SELECT 1")
 
 
+def test_what_writing_example_rules_would_pass_over_is_wrong_usage(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rules = tmp_path / "rules.toml"
+    for beside in (["-o", "out"], ["in"], ["--workers", "2"], ["--again"]):
+        assert main(["cohort", "--rules", str(rules), "--init", *beside]) == 2
+        assert "leave all else out" in capsys.readouterr().err
+    assert not rules.exists()
+    assert main(["cohort", "--rules", str(rules), "--init"]) == 0
+    assert rules.exists()
+
+
 def test_one_file_is_counted_as_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "in").mkdir()
     (tmp_path / "in" / "notes.txt").write_text("no scan")
@@ -161,3 +173,5 @@ def test_series_of_no_rule_are_left_and_the_last_listing_can_be_taken(
         assert index.count("done") == 3
     with pytest.raises(InputError, match="nothing has been listed"):
         run_cohort([], tmp_path / "misspelt", Rules(rule=(RULE,)), list_roots=False)
+    with pytest.raises(InputError, match=r"in/b has not been listed in .*/out yet; leave --as-listed out"):
+        run_cohort([str(tmp_path / "in" / "b")], tmp_path / "out", Rules(rule=(RULE,)), list_roots=False)

@@ -385,9 +385,13 @@ def test_a_url_that_nothing_opens_is_told(index: Index, monkeypatch: pytest.Monk
     with pytest.raises(InputError, match="No such file"):
         bring_up_to_date(index, ["zip://::file:///none.zip"])
 
-    def failing(*_: object) -> bool:
+    def failing(*_: object, **__: object) -> bool:
         raise RuntimeError("no credentials")  # each store's library has errors of its own
 
+    with monkeypatch.context() as patched:
+        patched.setattr(type(fsspec.filesystem("memory")), "ls", failing)
+        listed = bring_up_to_date(index, ["memory://"])
+    assert listed.skipped == ["memory://: the folder cannot be opened (no credentials)"]
     monkeypatch.setattr(type(fsspec.filesystem("memory")), "exists", failing)
     with pytest.raises(InputError, match="cannot be listed"):
         bring_up_to_date(index, ["memory://x"])
