@@ -15,7 +15,7 @@ from itertools import product
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import FloatArray, rms_mm
 from ronnaplan.pose import point_jacobian, rotation_sd_deg
 from ronnaplan.registration import predict_tre, register_batch
 from ronnaplan.registration.planned import planned_pose
@@ -57,7 +57,7 @@ def heads_table(counts: list[int], layouts: int, seed: int, effort: float) -> st
             markers, target = random_layout(rng, count)
             equal = np.tile(SIGMA_MM**2 * np.eye(3), (count, 1, 1))
             observed = simulated_tre(rng, markers, target, (0.8 * equal, 0.2 * equal), trials(effort, count))[0]
-            own = rms(predict_tre(markers, (0.8 * equal, 0.2 * equal), target))[0]
+            own = rms_mm(predict_tre(markers, (0.8 * equal, 0.2 * equal), target))[0]
             peer = np.sqrt(compute_tre_from_fle(markers, 3 * SIGMA_MM**2, target))
             both = random_covariances(rng, count), random_covariances(rng, count)
             off = [own / observed[0] - 1, float(peer) / observed[0] - 1, 0.0]
@@ -65,7 +65,7 @@ def heads_table(counts: list[int], layouts: int, seed: int, effort: float) -> st
                 other = simulated_tre(rng, markers, target, both, trials(effort, count, equal=False), equal=False)[
                     0
                 ][0]
-                off[2] = rms(predict_tre(markers, both, target))[0] / other - 1
+                off[2] = rms_mm(predict_tre(markers, both, target))[0] / other - 1
             worst = np.maximum(worst, 100 * np.abs(off))
         rows.append([str(count), *(f"{value:.1f} %" if value else "not run" for value in worst), ""])
         print(rows[-1], flush=True)
@@ -90,7 +90,7 @@ def loose_table(counts: list[int], seed: int, effort: float) -> str:
                 errors = as_loose_as(points, share * unit, (1 - share) * unit, degrees)
                 runs = trials(effort if equal else effort / 4, count, equal=equal)
                 observed, stated = simulated_tre(rng, points, targets, errors, runs, equal=equal)
-                off = [rms(predict_tre(points, errors, targets)) / observed - 1, stated / observed - 1]
+                off = [rms_mm(predict_tre(points, errors, targets)) / observed - 1, stated / observed - 1]
                 worst[2 * k : 2 * k + 2] = np.maximum(worst[2 * k : 2 * k + 2], 100 * np.abs(off).max(axis=1))
         rows.append([str(count), *(f"{value:.1f} %" for value in worst), ""])
         print(rows[-1], flush=True)
@@ -213,11 +213,6 @@ def plain_fits(
         center + sigma / np.sqrt(len(points)) * rng.normal(size=(count, 3)) for sigma in (moving, fixed)
     )
     return turn, to_center - np.einsum("bij,bj->bi", turn, from_center)
-
-
-def rms(covariances: FloatArray) -> FloatArray:
-    """Return the root mean square (T,) of errors of covariances (T, 3, 3)."""
-    return np.asarray(np.sqrt(np.trace(covariances, axis1=-2, axis2=-1)))
 
 
 if __name__ == "__main__":
