@@ -94,6 +94,24 @@ def table(rows: Sequence[Sequence[str]]) -> list[str]:
     ]
 
 
+def abridged(name: str, longest: int = LONGEST_LISTED) -> str:
+    """Return a name of many characters as its beginning and its end, by either of which long names may differ.
+
+    >>> abridged("left"), abridged("left amygdala, second", longest=9)
+    ('left', 'left\u2026cond')
+    """
+    return name if len(name) <= longest else f"{name[: longest // 2]}\u2026{name[-(longest // 2) :]}"
+
+
+def counted(number: int, noun: str) -> str:
+    """Return so many of a thing, which has an s where they are several.
+
+    >>> counted(1, "marker"), counted(0, "rejected candidate")
+    ('1 marker', '0 rejected candidates')
+    """
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 def listed(names: Iterable[str], most: int = 10) -> str:
     """Return names for a sentence that says which there are: each, and their number, within reason.
 

@@ -118,7 +118,7 @@ SHORT: dict[str, tuple[Callable[[], Any], str]] = {
         "MarkerRegistration(Pairing(unique, 4 pairs, ",
     ),
     "a registration's document": (cases.registration, "RegistrationDocument(unique, 6 pairs, FRE "),
-    "fiducials' document": (cases.fiducials, "FiducialsDocument(6 markers of 11.5 mm, 1 candidates rejected)"),
+    "fiducials' document": (cases.fiducials, "FiducialsDocument(6 markers of 11.5 mm, 1 candidate rejected)"),
     "a layout": (lambda: describe_layout(POINTS), "Layout(4 markers, nearest rival order "),
     "a marker": (
         lambda: some_fiducials()[1],

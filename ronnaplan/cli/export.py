@@ -124,6 +124,7 @@ def _deidentify(arguments: argparse.Namespace) -> int:
 
     from ronnaplan.documents.deidentify import LEAST_SECRET_BYTES, deidentify
     from ronnaplan.errors import InputError, UsageError
+    from ronnaplan.text import counted
     from ronnaplan.untrusted import read_whole
 
     if arguments.output is None or arguments.ct or arguments.series or arguments.no_go or arguments.labels:
@@ -139,6 +140,5 @@ def _deidentify(arguments: argparse.Namespace) -> int:
                 f"{arguments.secret} holds {len(secret)} bytes; at least {LEAST_SECRET_BYTES} are needed"
             )
     count = deidentify(arguments.file, arguments.output, secret)
-    files = "1 file" if count == 1 else f"{count} files"
-    tell(f"{files}, naming nobody, in {arguments.output}")
+    tell(f"{counted(count, 'file')}, naming nobody, in {arguments.output}")
     return 0

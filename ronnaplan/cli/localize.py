@@ -239,9 +239,11 @@ def _write(output: str | None, found: Fiducials) -> None:
 
 def _summary(found: Fiducials) -> str:
     from ronnaplan.report.tables import fiducials_table, resolution_line
+    from ronnaplan.text import counted
 
     sizes = " or ".join(f"{diameter:g}" for diameter in found.diameters_mm)
-    count = f"{len(found)} markers of {sizes} mm; {len(found.rejected)} candidates rejected"
+    rejected = counted(len(found.rejected), "candidate")
+    count = f"{counted(len(found), 'marker')} of {sizes} mm; {rejected} rejected"
     return "\n".join(
         [
             *([fiducials_table(found)] if len(found) else []),

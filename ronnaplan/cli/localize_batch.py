@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from ronnaplan.cli.output import tell
 from ronnaplan.errors import InputError, RonnaplanError
-from ronnaplan.text import LONGEST_SENTENCE, printable
+from ronnaplan.text import LONGEST_SENTENCE, counted, printable
 
 if TYPE_CHECKING:
     from ronnaplan.ct import CTVolume
@@ -180,7 +180,8 @@ def _by_diameter(found: Fiducials) -> str:
 
 def _counted(found: Fiducials) -> str:
     doubt = "" if found.distortion is None else f"; warning: {found.distortion}"
-    return f"{len(found)} markers of {_sizes(found)} mm; {len(found.rejected)} candidates rejected{doubt}"
+    rejected = counted(len(found.rejected), "candidate")
+    return f"{counted(len(found), 'marker')} of {_sizes(found)} mm; {rejected} rejected{doubt}"
 
 
 def _table(outcomes: Sequence[Outcome]) -> str:

@@ -17,7 +17,7 @@ import numpy as np
 from ronnaplan.ct.files import DamagedError
 from ronnaplan.ct.limits import Limits, are_hu
 from ronnaplan.geometry import FloatArray
-from ronnaplan.text import printable
+from ronnaplan.text import counted, printable
 
 Encoding = Literal["raw", "gzip", "zlib", "bzip2"]
 
@@ -93,7 +93,7 @@ def decimals(text: str, count: int, name: str) -> FloatArray:
     """Return the ``count`` decimal numbers of ``text``; raises `DamagedError` for any other text."""
     words = text.split() if _PLAIN.fullmatch(text) else []
     if len(words) != count or not all(_DECIMAL.fullmatch(word) for word in words):
-        raise DamagedError(f"it gives '{printable(text, 60)}' as its {name}, expected {_counted(count, 'number')}")
+        raise DamagedError(f"it gives '{printable(text, 60)}' as its {name}, expected {counted(count, 'number')}")
     return finite(np.array(words, dtype=np.float64), name)
 
 
@@ -101,7 +101,7 @@ def whole(text: str, count: int, name: str) -> tuple[int, ...]:
     """Return the ``count`` whole numbers of ``text``; raises `DamagedError` for any other text."""
     words = text.split() if _PLAIN.fullmatch(text) else []
     if len(words) != count or not all(_WHOLE.fullmatch(word) for word in words):
-        wanted = _counted(count, "whole number")
+        wanted = counted(count, "whole number")
         raise DamagedError(f"it gives '{printable(text, 60)}' as its {name}, expected {wanted} of up to 10 digits")
     return tuple(int(word) for word in words)
 
@@ -151,7 +151,3 @@ def beside(header: Path, name: str) -> Path:
 
 def _shown(numbers: FloatArray) -> str:
     return f"'{' '.join(f'{number:g}' for number in numbers)}'"
-
-
-def _counted(count: int, noun: str) -> str:
-    return f"{count} {noun}{'s' if count > 1 else ''}"

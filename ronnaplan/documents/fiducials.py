@@ -33,6 +33,7 @@ from ronnaplan.documents.reading import made, read_document
 from ronnaplan.errors import check_type
 from ronnaplan.geometry import FloatArray, Frame, Points, rms_mm
 from ronnaplan.localization.fiducials import UNSEEN_MOTION_MM, FiducialFlag, Fiducials
+from ronnaplan.text import counted
 
 FORMAT = "ronnaplan.fiducials"
 LEAST_APART = 0.25
@@ -171,8 +172,8 @@ class FiducialsDocument(DocumentModel):
         sizes = " or ".join(f"{size_mm:g}" for size_mm in self.marker.diameters_mm or (self.marker.diameter_mm,))
         doubted = sum(bool(entry.flags) for entry in self.fiducials)
         flags = f", {doubted} flagged" if doubted else ""
-        count = len(self.fiducials)
-        return f"FiducialsDocument({count} markers of {sizes} mm{flags}, {len(self.rejected)} candidates rejected)"
+        found, rejected = counted(len(self.fiducials), "marker"), counted(len(self.rejected), "candidate")
+        return f"FiducialsDocument({found} of {sizes} mm{flags}, {rejected} rejected)"
 
     __str__ = __repr__
 

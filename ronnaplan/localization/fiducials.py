@@ -21,7 +21,7 @@ from ronnaplan.localization.fit.parameters import (
     SHAPE,
     profile_fwhm_mm,
 )
-from ronnaplan.text import place
+from ronnaplan.text import counted, place
 
 if TYPE_CHECKING:
     from ronnaplan.figures import Picture
@@ -178,7 +178,8 @@ class Fiducials(Shown[Fiducial]):
         hint = f", all measure {other:.2f} mm" if other is not None else ""
         hint += "" if len(self) else "; localization.sizes_seen(volume) tells what is there"
         hint = hint if self.distortion is None else f"; {self.distortion}"
-        return f"{len(self)} markers of {sizes} mm{flags}{hint}, {len(self.rejected)} candidates rejected"
+        rejected = counted(len(self.rejected), "candidate")
+        return f"{counted(len(self), 'marker')} of {sizes} mm{flags}{hint}, {rejected} rejected"
 
     @property
     def other_diameter_mm(self) -> float | None:

@@ -12,7 +12,7 @@ from ronnaplan.errors import RonnaplanError
 from ronnaplan.report.html import element, picture, table
 from ronnaplan.report.marker_cuts import MarkerPicture, marker_pictures
 from ronnaplan.report.part import Part, Piece
-from ronnaplan.text import isolated
+from ronnaplan.text import counted, isolated
 
 STYLE = """
 .markers figure { display: grid; grid-template-columns: 3rem 1fr; align-items: center; margin: .3rem 0 }
@@ -31,7 +31,8 @@ def markers_part(case: Case) -> Part:
         return Part("Markers", warnings=["there is no fiducials.json: the markers are not reported"])
     markers = case.fiducials.fiducials
     body: list[Piece] = [table(HEADER, [_row(marker) for marker in markers])] if markers else []
-    body.append(element("p", f"{len(markers)} markers; {len(case.fiducials.rejected)} candidates rejected."))
+    rejected = counted(len(case.fiducials.rejected), "candidate")
+    body.append(element("p", f"{counted(len(markers), 'marker')}; {rejected} rejected."))
     warnings = list(case.fiducials.doubts)
     if case.volume is None:
         return Part("Markers", body, warnings)

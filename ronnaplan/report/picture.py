@@ -16,6 +16,7 @@ from ronnaplan.ct.sampling import sampled
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import Fiducial, Fiducials
 from ronnaplan.scene.portrait import head_picture
+from ronnaplan.text import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,7 +50,7 @@ def marker_sheet(volume: CTVolume, found: Fiducials) -> bytes:
             if row == 0:
                 axes.set_title(cut, color=QUIET, fontsize=10, pad=6)
         _say(figure.add_subplot(grid[row, len(CUTS)]), one)
-    title = f"ronnaplan   {len(found)} markers found"
+    title = f"ronnaplan   {counted(len(found), 'marker')} found"
     figure.text(0.018, 0.955, title, color="white", fontsize=15, weight="bold")
     figure.text(0.018, 0.022, "research software, not a medical device", color=QUIET, fontsize=9)
     return png(figure)

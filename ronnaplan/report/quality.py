@@ -18,7 +18,7 @@ from ronnaplan.report.path_part import paths_part
 from ronnaplan.report.placement_part import placement_part
 from ronnaplan.report.registration_part import registration_part
 from ronnaplan.report.scan_part import scan_part
-from ronnaplan.text import NOTICE
+from ronnaplan.text import NOTICE, counted
 
 Paper = Literal["A4", "Letter"]
 
@@ -92,8 +92,7 @@ def _warnings(parts: Sequence[Part]) -> str:
     warnings = list(dict.fromkeys(warning for part in parts for warning in part.warnings))
     if not warnings:
         return box("clear", "No warnings.", [])
-    count = "1 warning" if len(warnings) == 1 else f"{len(warnings)} warnings"
-    return box("warnings", count, warnings)
+    return box("warnings", counted(len(warnings), "warning"), warnings)
 
 
 def _end(case: Case) -> str:

@@ -22,7 +22,7 @@ def test_localize_prints_the_document_and_nothing_else(
     assert status == 0
     (found,) = json.loads(out)["fiducials"]
     assert np.linalg.norm(np.array(found["center"]) - [5.0, -4.0, 2.0]) < 0.05
-    assert "1 markers of 11.5 mm" in err
+    assert "1 marker of 11.5 mm" in err
 
 
 def test_localize_then_export(ct_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -41,7 +41,7 @@ def test_diameters_given_one_after_another_are_all_looked_for(
     )
     assert status == 0
     assert json.loads(out)["marker"]["diameters_mm"] == [8.0, 11.5, 20.0]
-    assert "1 markers of 8 or 11.5 or 20 mm" in err
+    assert "1 marker of 8 or 11.5 or 20 mm" in err
 
 
 def test_an_empty_scan_is_an_answer(ct_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

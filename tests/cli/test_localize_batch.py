@@ -37,7 +37,7 @@ def test_a_batch_goes_on_after_a_bad_scan(
     status, _, err = run(call, capsys)
     assert status == 1
     assert "001-bad: " in err
-    assert "002-ct: 1 markers" in err
+    assert "002-ct: 1 marker of" in err
     names = ["002-ct.fiducials.json", "002-ct.png", "summary.csv", "summary.json"]
     assert sorted(path.name for path in results.iterdir()) == names
     first, second = json.loads((results / "summary.json").read_text())["scans"]
@@ -121,7 +121,7 @@ def test_every_series_of_a_folder_is_done_when_asked_for(
     assert "--all-series does them all" in err
     status, _, err = run([*call, "--all-series", "-o", str(results)], capsys)
     assert status == 0
-    assert "001-exam: 1 markers" in err
+    assert "001-exam: 1 marker of" in err
     assert all(line.startswith(("001-exam: ", "002-exam: ")) for line in err.splitlines())
     scans = json.loads((results / "summary.json").read_text())["scans"]
     assert len({one["series"] for one in scans}) == 2
