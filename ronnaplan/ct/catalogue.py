@@ -5,6 +5,7 @@ Reads headers only, each file once.
 
 from __future__ import annotations
 
+import os
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -129,20 +130,21 @@ class Catalogue:
             )
         return usable[0]
 
-    def require_series(self) -> None:
-        """Raise `InputError` if there is no series of any kind."""
+    def require_series(self, called: str = "") -> None:
+        """Raise `InputError` if there is no series of any kind; ``called`` is told in the path's place."""
         if not self.series:
             raise InputError(
-                f"{printable(self.path)} holds no DICOM series{self._why_empty()}; name a folder of CT images"
+                f"{called or printable(self.path)} holds no DICOM series{self._why_empty()}; give a folder of CT images"
             )
 
     def _why_empty(self) -> str:
         if not self.skipped:
             return ""
         first = self.skipped[0]
+        name = first.name.removeprefix(f"{self.path}{os.sep}")
         if len(self.skipped) == 1:
-            return f" ({first.reason})" if self.path.is_file() else f" ({first.name}: {first.reason})"
-        return f" ({len(self.skipped)} other files, such as {first.name}: {first.reason})"
+            return f" ({first.reason})" if self.path.is_file() else f" ({name}: {first.reason})"
+        return f" ({len(self.skipped)} other files, such as {name}: {first.reason})"
 
 
 def _listed(series: Iterable[Series]) -> str:

@@ -92,15 +92,16 @@ class Places:
         return {"at": at, "root": self.root.name, "entries": entries, "more": max(0, len(shown) - MOST_LISTED)}
 
 
-def series_at(path: Path, root: Path) -> list[Found]:
+def series_at(path: Path, root: Path, called: str = "") -> list[Found]:
     """Return the series at a path, those that can be used first; raises `InputError` where there are none.
 
-    The case of each lies below ``root``, beside its files or further up.
+    The case of each lies below ``root``, beside its files or further up. That there are none is told of what the page
+    calls the place.
     """
     if path.is_file() and is_image_file(path):
         return [Found(path, path.parent, summarize(path)[0][0], None)]
     catalogue = find_series(path)
-    catalogue.require_series()
+    catalogue.require_series(called)
     ordered = sorted(catalogue.series, key=lambda one: not one.is_usable)
     planned = cache(_frames_in)
     return [Found(path, _case_of(path, one, root, planned), summary_of(one), preview(one)) for one in ordered]

@@ -23,6 +23,7 @@ from ronnaplan.planner.gate import gate, is_worth_telling
 from ronnaplan.planner.places import Found, Places, rows, series_at
 from ronnaplan.planner.shelves import Shelf, Shelves, keyed
 from ronnaplan.planner.state import PlannerState
+from ronnaplan.text import printable
 
 PAGE = files("ronnaplan.planner") / "page"
 SERVED = {"index.html": "start.html", "start.js": "start.js", "start.css": "start.css"}
@@ -75,7 +76,8 @@ class StartPage:
         if at is None:
             self.dropped.require(request.query.get("drop", ""))
         path = self.dropped.scan if at is None else self.places.at(at)
-        found = await self._work("looking for series", lambda: series_at(path, self.places.root))
+        called = "what was dropped" if at is None else printable(at) or "the root"
+        found = await self._work("looking for series", lambda: series_at(path, self.places.root, called))
         self.found, series = keyed(found, rows(found))
         self._from_drop = at is None
         return {"series": series, "name": self._free_name() if self._from_drop else ""}

@@ -42,9 +42,9 @@ def test_a_missing_folder_an_empty_folder_and_a_folder_without_ct_are_refused(tm
         read_ct(tmp_path)
     note = tmp_path / "a.txt"
     note.write_text("no image")
-    with pytest.raises(InputError, match=r"/a\.txt holds no DICOM series \(it is [^()]*\); name a folder"):
+    with pytest.raises(InputError, match=r"/a\.txt holds no DICOM series \(it is [^()]*\); give a folder"):
         read_ct(note)
-    with pytest.raises(InputError, match=r"holds no DICOM series \([^()]*a\.txt: it is [^()]*\); name a folder"):
+    with pytest.raises(InputError, match=r"holds no DICOM series \(a\.txt: it is [^()]*\); give a folder"):
         read_ct(tmp_path)
     note.unlink()
     write_series(tmp_path, change=lambda made, k: setattr(made, "Modality", "MR"))

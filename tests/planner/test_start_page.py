@@ -133,6 +133,28 @@ def test_no_file_of_one_tabs_drop_gets_among_those_that_another_tab_drops_meanwh
     run(asked())
 
 
+def test_where_no_series_is_the_page_is_told_so_of_what_it_calls_that_place(scans: Path) -> None:
+    """The machine's own paths tell a page nothing, least of all that of a passing folder of what was dropped."""
+    (scans / "empty").mkdir()
+    page = StartPage(scans.parent / "home", scans, lambda *_: None)  # type: ignore[arg-type]
+
+    async def asked() -> None:
+        async with TestClient(TestServer(served(page))) as client:
+            drop = (await (await client.post("/drop")).json())["drop"]
+            await client.put(f"/dropped?drop={drop}&name=notes.txt", data=b"no scan")
+            told = [
+                (await (await client.get(f"/series?{where}")).json())["error"]
+                for where in ("at=empty", f"drop={drop}")
+            ]
+            assert told == [
+                "empty holds no DICOM series; give a folder of CT images",
+                "what was dropped holds no DICOM series (notes.txt: it is not a DICOM file); give a folder of CT "
+                "images",
+            ]
+
+    run(asked())
+
+
 def test_what_one_tab_dropped_is_not_taken_away_while_it_is_looked_through(scans: Path) -> None:
     page = StartPage(scans.parent / "home", scans, lambda *_: None)  # type: ignore[arg-type]
 
@@ -175,6 +197,7 @@ def test_a_scan_is_dropped_opened_and_its_files_go_out_and_in(browser: Any, star
     page, home = browser.new_page(viewport={"width": 1440, "height": 900}), scans.parent / "home"
     page.set_default_timeout(PATIENCE_MS)
     open_a_root_without_folders(page, started)
+    list_a_part_of_a_series(page, started)
     page.goto(started)
     press_while_a_folder_is_listed(page)
     drop_a_scan(page, scans)
@@ -195,6 +218,22 @@ def open_a_root_without_folders(page: Any, url: str) -> None:
     page.goto(url)
     page.wait_for_selector("#entries >> text=no folders in here; the button above lists its scans")
     page.unroute("**/folders?at=")
+
+
+def list_a_part_of_a_series(page: Any, url: str) -> None:
+    """Its kernel is told once, whether or not the parts differ in it."""
+    row = {"key": "1", "modality": "CT", "description": "head", "kernel": "H30", "series": "1.2#1", "images": 9}
+    row |= {"problems": [], "notes": [], "drawn": False, "known": False, "pixel_mm": None, "spacing_mm": None}
+    parts: tuple[list[str], ...] = (["kernel H30", "tube voltage 80 kV"], ["tube voltage 80 kV"], [])
+    listed = {"series": [row | {"part": part} for part in parts], "name": ""}
+    page.goto(url)
+    page.route("**/series?at=", lambda route: route.fulfill(json=listed))
+    page.click("text=look for series here")
+    page.wait_for_selector("#found tbody")
+    assert page.locator("#found td:nth-child(2) small").all_inner_texts() == [
+        *("kernel H30, tube voltage 80 kV, 1.2#1", "H30, tube voltage 80 kV, 1.2#1", "H30, 1.2#1")
+    ]
+    page.unroute("**/series?at=")
 
 
 def press_while_a_folder_is_listed(page: Any) -> None:
@@ -220,7 +259,7 @@ def drop_a_scan(page: Any, scans: Path) -> None:
     """Look through folders, then drop what is no scan, an archive, and open it as a case."""
     page.click("#entries >> text=study/")
     page.click("#entries >> text=ct/")
-    page.wait_for_selector("#entries >> text=no folders in here; its scans are listed below")
+    page.wait_for_selector("#entries >> text='no folders in here'")
     page.wait_for_selector("#found >> text=go on")  # without a further click
     assert page.evaluate("document.activeElement.textContent") == "ct"  # who works by keyboard goes on from there
     assert page.locator("#found img").count() == 1

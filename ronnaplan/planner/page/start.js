@@ -61,7 +61,7 @@
       if (entry.case) label.append(made("span", { className: "case" }, "case"));
       return made("li", {}, label);
     });
-    const empty = `no folders in here; ${at ? "its scans are listed below" : "the button above lists its scans"}`;
+    const empty = `no folders in here${at ? "" : "; the button above lists its scans"}`;
     if (!entries.length) entries.push(made("li", {}, made("span", { className: "empty" }, empty)));
     if (listed.more) entries.push(made("li", {}, made("span", { className: "empty" }, `and ${listed.more} more`)));
     one("entries").replaceChildren(...entries);
@@ -138,7 +138,8 @@
     one("found").querySelector("tbody").replaceChildren(...series.map((row) => {
       const usable = !row.problems.length;
       const picture = row.drawn ? made("img", { src: `thumbnail/${row.key}`, alt: "" }) : made("span", { className: "none" }, "no picture");
-      const title = made("td", {}, `${row.modality} ${row.description || "(no description)"}`, made("small", {}, [row.kernel, ...row.part, row.series].join(" ")));
+      const kernel = row.part.includes(`kernel ${row.kernel}`) ? "" : row.kernel; // which its part tells then
+      const title = made("td", {}, `${row.modality} ${row.description || "(no description)"}`, made("small", {}, [kernel, ...row.part, row.series].filter(Boolean).join(", ")));
       const told = made("td", {}, made("span", { className: usable ? "yes" : "no" }, usable ? "can be planned in" : row.problems.join("; ")));
       if (usable) for (const note of row.notes) told.append(made("small", { className: "doubt" }, note));
       const press = made("button", { type: "button", disabled: !usable, onclick: () => open(row.key) }, row.known && !name ? "go on" : "plan");
