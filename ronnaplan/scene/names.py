@@ -21,8 +21,8 @@ ELLIPSIS = "\u2026"
 WIDE_EM = 1.0
 """How wide a letter of Chinese, Japanese or Korean, or `ELLIPSIS`, is, in heights of the letters."""
 
-CAPITAL_SHARE = 1.25
-"""How wide a capital letter is, in widths of an average one: many names are all capitals."""
+CAPITAL_SHARE, BROAD, BROAD_SHARE = 1.25, "MWmw%@", 1.75
+"""How wide a capital letter is, in widths of an average one: many names are all capitals. And the broadest letters."""
 
 KNOWN_NAMES = 4096
 """Of so many the letters are counted once."""
@@ -52,8 +52,9 @@ class Room:
 
     def length(self, name: str) -> float:
         """Return how long a name is."""
-        wide, capitals = _counted(name)
-        return self.em * (self.letter_em * (len(name) - wide + (CAPITAL_SHARE - 1) * capitals) + WIDE_EM * wide)
+        wide, capitals, broad = _counted(name)
+        more = (CAPITAL_SHARE - 1) * capitals + (BROAD_SHARE - 1) * broad
+        return self.em * (self.letter_em * (len(name) - wide + more) + WIDE_EM * wide)
 
     def shortened(self, name: str) -> str:
         """Return what of a name takes half of the picture's width at most."""
@@ -137,10 +138,11 @@ class Names:
 
 
 @lru_cache(KNOWN_NAMES)
-def _counted(name: str) -> tuple[int, int]:
-    """Return how many letters of a name are as wide as high, and how many are capitals."""
+def _counted(name: str) -> tuple[int, int, int]:
+    """Return how many letters of a name are as wide as high, how many others are capitals, and how many `BROAD`."""
     wide = sum(letter == ELLIPSIS or unicodedata.east_asian_width(letter) in "WF" for letter in name)
-    return wide, sum(map(str.isupper, name))
+    broad = sum(map(name.count, BROAD))
+    return wide, sum(letter.isupper() and letter not in BROAD for letter in name), broad
 
 
 def _across(x: float, length: float, gap: float, wide: float) -> tuple[str, float, float]:

@@ -47,7 +47,7 @@ def test_a_name_that_fits_on_neither_side_begins_within_the_picture() -> None:
     assert one["x"] + ROOM.length(one["text"]) == pytest.approx(ROOM.wide)
     (one,) = written(("a name that is rather longer than this picture is wide, as nobody would give it", 0.0, 0.0))
     assert one["anchor"] == "start"
-    assert -ROOM.wide <= one["x"] < ROOM.wide - ROOM.length(one["text"])
+    assert -ROOM.wide <= one["x"] <= ROOM.wide - ROOM.length(one["text"]) + 1e-9
 
 
 @pytest.mark.parametrize(
@@ -149,6 +149,18 @@ def test_capitals_are_counted_as_wide_as_they_are() -> None:
     """Liberation Sans, which measures as Arial does, has an X of 0.67 and an H of 0.72 of the letters' height."""
     assert 0.65 * 90 * ROOM.em < ROOM.length("X" * 90) < 0.75 * 90 * ROOM.em
     assert ROOM.length("x" * 90) == pytest.approx(0.54 * 90 * ROOM.em)
+
+
+@pytest.mark.parametrize(
+    ("letter", "share"), [("W", 0.944), ("M", 0.833), ("m", 0.833), ("w", 0.722), ("%", 0.889), ("@", 1.015)]
+)
+def test_a_name_of_the_broadest_letters_stays_within_the_picture(letter: str, share: float) -> None:
+    """By the widths of Liberation Sans, in the letters' height: such a name began outside, and its end was cut off."""
+    (one,) = written((letter * 300, 0.5, 0.0))
+    drawn = (len(one["text"]) - 1) * share * ROOM.em + ROOM.em  # with its ellipsis
+    assert one["anchor"] == "end"
+    assert -ROOM.wide <= one["x"] - drawn
+    assert drawn <= 1.1 * ROOM.wide
 
 
 PIXELS, LINE_PIXELS, GAP_PIXELS = 800, 15, 10
