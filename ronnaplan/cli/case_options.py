@@ -61,8 +61,7 @@ def with_paper(parser: Declares) -> None:
     parser.add_argument(
         "--paper",
         choices=("A4", "Letter"),
-        default="A4",
-        help="what a report is printed on (default: %(default)s)",
+        help="what a report is printed on (default: A4)",
     )
 
 

@@ -44,6 +44,10 @@ def run(arguments: argparse.Namespace) -> int:
     kind = Path(arguments.output).suffix.lower()
     if kind not in ENDINGS:
         raise UsageError(f"the report was to be written to {arguments.output}; give a name in .html, .pdf or .csv")
+    if arguments.paper and kind == ".csv":
+        raise UsageError(
+            "a table of measures is printed on no paper; leave out --paper, or give a name in .html or .pdf"
+        )
     check_target(arguments.output)
     files = CaseFiles.of_folder(arguments.case)
     if arguments.limits:
@@ -55,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.no_go,
     )
     name = printable(Path(arguments.case).resolve().name if arguments.name is None else arguments.name)
-    write_atomically(arguments.output, _content(case, name, kind, arguments.paper))
+    write_atomically(arguments.output, _content(case, name, kind, arguments.paper or "A4"))
     return 0
 
 

@@ -119,7 +119,7 @@ class _Planner:
             if given.second:
                 state.take_second(read_other_image(given.second, progress=True), Path(given.second).name)
             undone.pop_all()
-        self.origin, self.workshop = Origin(ct, series, _stated(given), _regions(given)), workshop
+        self.origin, self.workshop = Origin(ct, series, _stated(given), _regions(given), given.paper), workshop
         return state
 
     def serve(self, state: PlannerState, address: Address | None) -> bool:
@@ -187,7 +187,6 @@ def _require_no_case(arguments: argparse.Namespace) -> None:
 def _stated(arguments: argparse.Namespace) -> tuple[str, ...]:
     """Return what was stated as options of ``ronnaplan report``."""
     stated = ["--sigma-ct", str(arguments.sigma_ct), "--sigma-ots", str(arguments.sigma_ots)]
-    stated += ["--paper", arguments.paper]
     stated += ["--limits", str(Path(arguments.limits).resolve())] if arguments.limits else []
     stated += _named("--no-go", arguments.no_go)
     if arguments.frame_axes:

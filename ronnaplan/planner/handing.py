@@ -47,12 +47,16 @@ EXPORTED: Final = {
 
 @dataclass(frozen=True)
 class Origin:
-    """Where the scan was read, and what else was stated, as options of ``ronnaplan report`` and ``export``."""
+    """Where the scan was read, and what else was stated, as options of ``ronnaplan report`` and ``export``.
+
+    ``paper`` is what a report is printed on, None for the usual one.
+    """
 
     ct: Path
     series: str | None = None
     stated: tuple[str, ...] = ()
     regions: tuple[str, ...] = ()
+    paper: str | None = None
 
 
 class Handing:
@@ -116,6 +120,7 @@ class Handing:
         options = ["--ct", str(origin.ct), *(("--series", origin.series) if origin.series else ())]
         name_of_case = f"--name={self._case}"  # which that of the copies' folder is not
         options += (name_of_case, *origin.stated) if MADE[name][0] == "report" else origin.regions
+        options += ["--paper", origin.paper] if origin.paper and name.startswith("report.") else []
         return await self._run_on_copies(name, (*MADE[name], *options))
 
     async def _run_on_copies(self, name: str, command: tuple[str, ...]) -> bytes:

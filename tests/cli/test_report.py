@@ -52,6 +52,8 @@ def test_the_measures_of_a_case_become_a_table(tmp_path: Path, capsys: pytest.Ca
     ask = ["report", str(tmp_path), "--name", "=case", "-o", str(tmp_path / "measures.csv")]
     assert main(ask) == 1
     assert "no trajectory can be measured in it; give it with --ct" in capsys.readouterr().err
+    assert main([*ask, "--ct", str(cases.CT), "--paper", "Letter"]) == 2
+    assert "a table of measures is printed on no paper; leave out --paper" in capsys.readouterr().err
     assert main([*ask, "--ct", str(cases.CT)]) == 0
     head, row = (tmp_path / "measures.csv").read_text().splitlines()
     assert head.startswith("case,name,length_mm,")

@@ -67,7 +67,7 @@ def test_a_report_is_called_as_the_case_and_made_as_it_was_stated(
 
     async def asked() -> None:
         application = web.Application()
-        origin = Origin(cases.CT, stated=("--paper", "Letter"))
+        origin = Origin(cases.CT, paper="Letter")
         application.add_routes(Handing(storage, origin, lambda: None, lambda: None).routes())
         async with TestClient(TestServer(application)) as client:
             names = ("report.pdf", "measures.csv", "plan.csv", "plan.json")
@@ -80,6 +80,7 @@ def test_a_report_is_called_as_the_case_and_made_as_it_was_stated(
     values = dict(itertools.pairwise(asked_for))
     assert f"--name={storage.plan.parent.name}" in asked_for
     assert values["--paper"] == "Letter"
+    assert asked_for.count("--paper") == 1, "a table is on no paper"
     case = storage.plan.parent.name
     assert called == [
         f"{case} report.pdf",
