@@ -67,10 +67,11 @@ class CaseFiles:
         return found
 
     @property
-    def present(self) -> tuple[Path, ...]:
-        """The files that there are."""
-        every = (self.fiducials, self.registration, self.plan, self.limits, self.placement)
-        return tuple(path for path in every if path is not None)
+    def named(self) -> dict[str, Path]:
+        """The files that are known, by what they are called in a case."""
+        places = (self.fiducials, self.registration, self.plan, self.limits, self.placement)
+        named = zip((FIDUCIALS, REGISTRATION, PLAN, LIMITS, PLACEMENT), places, strict=True)
+        return {name: path for name, path in named if path is not None}
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +126,7 @@ def read_case(
     plan = read_plan(files.plan) if files.plan else None
     fiducials = read_fiducials(files.fiducials) if files.fiducials else None
     registration = read_registration(files.registration) if files.registration else None
-    read = [*files.present, *(path for path in map(Path, no_go) if path.is_file())]
+    read = [*files.named.values(), *(path for path in map(Path, no_go) if path.is_file())]
     hashes = [(path.name, hashlib.sha256(path.read_bytes()).hexdigest()) for path in read]
     volume = read_volume()
     if volume is not None:

@@ -100,28 +100,13 @@ class Storage:
     @property
     def found(self) -> dict[str, Path]:
         """The documents that there are now, by the names they have in a case."""
-        known = self.documents
-        named = {
-            PLAN: known.plan,
-            FIDUCIALS: known.fiducials,
-            REGISTRATION: known.registration,
-            LIMITS: known.limits,
-            PLACEMENT: known.placement,
-        }
-        return {name: path for name, path in named.items() if path is not None and _is_file(path)}
+        return {name: path for name, path in self.documents.named.items() if _is_file(path)}
 
     @property
     def _own_names(self) -> set[str]:
         """The documents of the case, which are no readings."""
-        here = (
-            self.plan,
-            self.fiducials,
-            self.registration,
-            self.look,
-            self.limits,
-            *map(self.plan.with_name, (PLACEMENT, PIVOT)),
-        )
-        return {path.name for path in here if path.parent == self.plan.parent}
+        every = (*self.documents.named.values(), self.look, self.plan.with_name(PIVOT))
+        return {path.name for path in every if path.parent == self.plan.parent}
 
     @property
     def look(self) -> Path:
