@@ -41,9 +41,10 @@ def page(running_browser: Any, shared: Planner) -> Iterator[Any]:
 
 
 def faults(page: Any) -> list[str]:
-    """What axe-core finds that keeps people out, or leaves out a level of headings, with the first place of each."""
+    """What axe-core finds that keeps people out, or is amiss with headings, with the first place of each."""
     found = page.evaluate("axe.run(document, { resultTypes: ['violations'] })")["violations"]
-    grave = [one for one in found if one["impact"] in ("serious", "critical") or one["id"] == "heading-order"]
+    named = ("heading-order", "page-has-heading-one", "empty-table-header")
+    grave = [one for one in found if one["impact"] in ("serious", "critical") or one["id"] in named]
     return [f"{one['id']}: {one['help']} {one['nodes'][0]['html'][:200]}" for one in grave]
 
 
