@@ -20,7 +20,7 @@ from ronnaplan.scene.names import Names, Room
 from ronnaplan.scene.picture import Shades
 from ronnaplan.scene.things import REJECTED, Thing
 from ronnaplan.scene.vtk import Workshop
-from ronnaplan.text import isolated
+from ronnaplan.text import abridged, isolated
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -109,7 +109,13 @@ def _head(seen: View, *, turns: bool) -> str:
 def _row(case: Case, judged: Judgement, name: str) -> list[str]:
     assert case.plan is not None
     length = number(case.plan.trajectory(name).length_mm, 1)
-    return [isolated(name), length, *_angles(judged.measures), *_errors(judged.measures), _verdict(judged)]
+    return [
+        isolated(abridged(name)),
+        length,
+        *_angles(judged.measures),
+        *_errors(judged.measures),
+        _verdict(judged),
+    ]
 
 
 def _verdict(judged: Judgement) -> str:

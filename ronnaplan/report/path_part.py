@@ -22,7 +22,7 @@ from ronnaplan.planning.rows import (
 from ronnaplan.report.html import element, picture, table, unseen
 from ronnaplan.report.part import Part
 from ronnaplan.report.path_cuts import path_picture
-from ronnaplan.text import isolated
+from ronnaplan.text import abridged, isolated
 
 STYLE = """
 .beside { display: flex; flex-wrap: wrap; gap: 0 2.5rem; align-items: start } .beside p { max-width: 26rem }
@@ -82,7 +82,9 @@ def _measured(volume: CTVolume, one: Measures, verdicts: Sequence[Verdict]) -> l
     many limits and the contacts of its electrode fits a page.
     """
     name = one.trajectory.name
-    drawn = picture(path_picture(volume, one), f"{name}: two cuts along the path, at right angles; HU along it")
+    drawn = picture(
+        path_picture(volume, one), f"{abridged(name)}: two cuts along the path, at right angles; HU along it"
+    )
     judged = sorted(verdicts, key=lambda verdict: verdict.passes)
     distances = [] if verdicts else distance_rows(one)  # every verdict tells its distance
     beside = table([], [*_path(one.trajectory), *shape_rows(one), *distances]) + _errors(one)
@@ -95,7 +97,7 @@ def _measured(volume: CTVolume, one: Measures, verdicts: Sequence[Verdict]) -> l
 
 def _contact(one: ContactMeasures) -> list[str]:
     nearest = min(one.clearances, key=lambda near: near.at_least_mm, default=None)
-    told = "-" if nearest is None else f"{nearest.clearance_mm:.2f} to {isolated(nearest.name)}"
+    told = "-" if nearest is None else f"{nearest.clearance_mm:.2f} to {isolated(abridged(nearest.name))}"
     inside = {True: "yes", False: "no", None: "-"}[one.inside]
     return [str(one.number), coordinates(one.center_mm), f"{one.depth_mm:.2f}", inside, told]
 
@@ -134,7 +136,13 @@ def _path(path: Trajectory) -> Rows:
 
 def _verdict(one: Verdict) -> list[str]:
     value, limit = value_and_limit(one)
-    return [one.measure, value, f"{limit} {one.unit}".rstrip(), "pass" if one.passes else "FAIL", one.remark]
+    return [
+        abridged(one.measure),
+        value,
+        f"{limit} {one.unit}".rstrip(),
+        "pass" if one.passes else "FAIL",
+        one.remark,
+    ]
 
 
 def _fault(one: Verdict) -> str:

@@ -264,6 +264,25 @@ def test_a_path_with_an_electrode_of_many_contacts_takes_one_page(case: Case, pr
     assert with_contacts.count(b"/MediaBox") == printed.count(b"/MediaBox")
 
 
+@pytest.mark.usefixtures("undrawn")
+def test_names_of_many_letters_take_no_more_pages_and_stand_whole_above_their_measures(case: Case) -> None:
+    """One filled page two with its row, another the page after that of a path that it is held against."""
+    if find_browser() is None:
+        pytest.skip("no Chromium is installed to print a PDF with")
+    assert case.plan is not None
+    left, pages = case.plan.trajectory("left"), []
+    for names in (("left", "beside"), ("W" * 299 + "1", "W" * 299 + "2")):
+        paths = tuple(
+            replace(left, name=name, entry_mm=left.entry_mm + n, target_mm=left.target_mm + n)
+            for n, name in enumerate(names)
+        )
+        report = quality_report(replace(case, plan=replace(case.plan, trajectories=paths)))
+        assert all(f"<h3>{name}</h3>" in report for name in names)
+        pages.append(print_pdf(report).count(b"/MediaBox"))
+    assert pages[0] == pages[1]
+    assert f'<td class="long">{"W" * 30}\u2026{"W" * 29}2</td>' in report
+
+
 def test_a_path_with_many_limits_and_contacts_takes_one_page(case: Case, printed: bytes) -> None:
     assert case.plan is not None
     chosen = case.plan.edit("left", electrode=ELECTRODES["Medtronic 3387"])
