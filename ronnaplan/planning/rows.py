@@ -118,16 +118,16 @@ def error_values(error: PathError) -> Rows:
 
 
 def value_and_limit(one: Verdict) -> tuple[str, str]:
-    """Return a verdict's value and limit with as many digits as tell them apart, two at least.
+    """Return a verdict's value and limit with as many digits as tell them apart and the limit has, two at least.
 
     >>> value_and_limit(Verdict("A", "chance to stay within 2 mm", 0.9996, "", 0.95, passes=True))
     ('> 0.999', '0.95')
     """
     if one.value is None or one.limit is None:
         return number(one.value), number(one.limit)
-    digits = 2
-    while digits < MOST_DIGITS and _order(one.value, one.limit, digits) != _order(
-        one.value, one.limit, MOST_DIGITS
+    digits, order = 2, _order(one.value, one.limit, MOST_DIGITS)
+    while digits < MOST_DIGITS and (
+        _order(one.value, one.limit, digits) != order or round(one.limit, digits) != one.limit
     ):
         digits += 1
     value = number(one.value, digits)

@@ -255,6 +255,12 @@ def test_a_value_beyond_its_limit_is_never_written_like_the_limit() -> None:
     assert written(np.nextafter(0.75, 1.0), 0.75) == ("0.75", "0.75")
 
 
+def test_a_limit_is_written_as_it_was_stated() -> None:
+    """One of 0.485 was told as 0.48, and one of 0.996 as 1.00."""
+    for value, limit, told in ((0.487, 0.485, ("0.487", "0.485")), (0.991, 0.996, ("0.991", "0.996"))):
+        assert value_and_limit(Verdict("T", "error", value, "mm", limit, passes=False)) == told
+
+
 BAD = (
     (np.array([30.0, -20.0, 900.0]), np.array([10.0, 5.0, 900.0])),
     (cases.ENTRY_MM, cases.ENTRY_MM + np.array([0.0, 0.0, 12.0])),
