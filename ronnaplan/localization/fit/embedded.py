@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ronnaplan.localization.fit.algebra import quantile
 from ronnaplan.localization.fit.cells import CELL_COUNT, direction_cells
 from ronnaplan.localization.fit.guess import TYPICAL_BLUR_MM
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
@@ -34,11 +35,11 @@ def within_its_holder(around: Neighbourhood, diameter_mm: float, layer_mm: float
     Directions in which a face is near are left out; a candidate that is not embedded keeps all. ``layer_mm`` is the
     thickness of what is wrapped around the ball.
     """
-    depth_mm = np.linalg.norm(around.offsets_mm, axis=1) - diameter_mm / 2.0 - max(layer_mm, 0.0)
+    depth_mm = around.distances_mm - diameter_mm / 2.0 - max(layer_mm, 0.0)
     outside_hu = around.values_hu[depth_mm > TYPICAL_BLUR_MM]
     if not outside_hu.size:
         return around
-    air_hu, middle_hu = np.quantile(outside_hu, [AIR_QUANTILE, 0.5])
+    air_hu, middle_hu = (quantile(outside_hu, share) for share in (AIR_QUANTILE, 0.5))
     if middle_hu - air_hu < AIR_STEP_HU:
         return around
     halfway_hu = (air_hu + middle_hu) / 2.0

@@ -8,6 +8,7 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build
+from ronnaplan.localization.fit.algebra import quantile
 from ronnaplan.localization.fit.descent import Prior
 from ronnaplan.localization.fit.directions import BACKGROUND_QUANTILE
 from ronnaplan.localization.fit.model import has_layer, has_streaks
@@ -97,8 +98,7 @@ def first_guess(
 
 def _levels(around: Neighbourhood, diameter_mm: float, build: Build) -> tuple[float, float]:
     """Return how bright (HU) the ball itself, or a hollow one's wall, is where it can be told, and the background."""
-    u, v, w = around.offsets_mm.T
-    distance = np.sqrt(u * u + v * v + w * w)
+    distance = around.distances_mm
     shell_mm = np.array(MIDWAY) * diameter_mm
     if build.wall_mm:
         shell_mm = (
@@ -109,8 +109,8 @@ def _levels(around: Neighbourhood, diameter_mm: float, build: Build) -> tuple[fl
     if not inside.size:
         high = float(around.values_hu.max())
     else:
-        high = float(np.quantile(inside, WALL_QUANTILE) if build.wall_mm else np.median(inside))
-    low = float(np.quantile(outside, BACKGROUND_QUANTILE)) if outside.size else float(around.values_hu.min())
+        high = quantile(inside, WALL_QUANTILE if build.wall_mm else 0.5)
+    low = quantile(outside, BACKGROUND_QUANTILE) if outside.size else float(around.values_hu.min())
     return high, low
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,13 @@ class Neighbourhood:
     floors_hu: FloatArray
     pixel_mm: float
     ending_share: float = 0.0
+
+    @cached_property
+    def distances_mm(self) -> FloatArray:
+        """How far each voxel (N,) lies from the origin."""
+        u, v, w = self.offsets_mm.T
+        distances_mm: FloatArray = np.sqrt(u * u + v * v + w * w)
+        return distances_mm
 
     def select(self, chosen: NDArray[np.bool_]) -> Neighbourhood:
         """Keep only the ``chosen`` (N,) voxels."""

@@ -15,7 +15,8 @@ from functools import cache
 
 import numpy as np
 
-from ronnaplan.ct.volume import CTVolume
+from kernelcache import njit
+from ronnaplan.ct.volume import CTVolume, Voxels
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.descent import MAX_CONTRAST_HU
@@ -187,16 +188,29 @@ def _loss(volume: CTVolume, number: int, center_mm: FloatArray, radius_mm: float
     grid = volume.grid
     every = max(int(SPARSE_MM / grid.pixel_mm), 1)
     seen_hu = volume.voxels_hu[number, ::every, ::every]
-    u_mm, v_mm = grid.axes[:2] @ (grid.origins_mm[number] - center_mm)
-    across_mm = u_mm + np.arange(seen_hu.shape[1]) * every * grid.column_spacing_mm
-    down_mm = v_mm + np.arange(seen_hu.shape[0]) * every * grid.row_spacing_mm
-    distances_mm = np.hypot(across_mm, down_mm[:, np.newaxis])
-    counts = (seen_hu > AIR_HU) & (seen_hu < PADDING_HU) & (distances_mm > BESIDE * radius_mm + BESIDE_MM)
-    if volume.padding_hu is not None:
-        counts &= seen_hu != volume.padding_hu
-    density = (seen_hu[counts].astype(np.float64) + 1000.0) / 1000.0
-    pixel_mm2 = every**2 * grid.column_spacing_mm * grid.row_spacing_mm
-    return WATER_PER_MM / math.pi * float(np.sum(density / distances_mm[counts])) * pixel_mm2
+    corner_mm = grid.axes[:2] @ (grid.origins_mm[number] - center_mm)
+    steps_mm = every * np.array([grid.column_spacing_mm, grid.row_spacing_mm])
+    padding_hu = np.nan if volume.padding_hu is None else float(volume.padding_hu)
+    beside_mm = BESIDE * radius_mm + BESIDE_MM
+    return WATER_PER_MM / math.pi * _over_distance(seen_hu, corner_mm, steps_mm, padding_hu, beside_mm)
+
+
+@njit(cache=True, nogil=True)
+def _over_distance(picture: Voxels, corner: FloatArray, steps: FloatArray, padding: float, beside: float) -> float:
+    """Integrate the density of a ``picture``, that of water being 1, over its distance from the origin, in mm.
+
+    The ``corner`` (2,) is the place of the first pixel, and ``steps`` (2,) are between pixels; what lies ``beside`` the
+    origin, no farther away than this, is left out.
+    """
+    total = 0.0
+    for j in range(picture.shape[0]):
+        v = corner[1] + j * steps[1]
+        for i in range(picture.shape[1]):
+            u, value = corner[0] + i * steps[0], float(picture[j, i])
+            distance = math.sqrt(u * u + v * v)
+            if AIR_HU < value < PADDING_HU and value != padding and distance > beside:
+                total += (value + 1000.0) / 1000.0 / distance
+    return float(total * steps[0] * steps[1])
 
 
 @cache
