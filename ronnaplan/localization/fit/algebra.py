@@ -49,6 +49,18 @@ def solve(equations: FloatArray, solved: FloatArray) -> None:
         solved[p] = left / equations[p, p]
 
 
+@njit(cache=True, nogil=True)
+def expected_gain(information: FloatArray, slope: FloatArray, step: FloatArray) -> float:
+    """Return by how much a ``step`` (P,) lessens half a sum of squares, by its normal equations (P, P) and (P,)."""
+    gain = 0.0
+    for p in range(len(step)):
+        bend = 0.0
+        for q in range(len(step)):
+            bend += information[p, q] * step[q]
+        gain += step[p] * (slope[p] - 0.5 * bend)
+    return gain
+
+
 LEAST_LEFT = 1e-12
 """What is left of a parameter's information beside the other parameters', as a share, if these do not tell it."""
 

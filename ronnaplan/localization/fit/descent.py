@@ -10,7 +10,7 @@ import numpy as np
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.fit.algebra import solve
+from ronnaplan.localization.fit.algebra import expected_gain, solve
 from ronnaplan.localization.fit.ball import Discs, discs
 from ronnaplan.localization.fit.model import BLOCK, add_normal_equations, evaluate, is_beyond_scale
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
@@ -61,7 +61,7 @@ MAX_STEPS = 40
 
 STEP_TOLERANCE_MM, REST_GAIN = 2e-5, 1e-4
 """A descent ends with a step that moves the center by less than this and gains less than this share of the squared
-residuals: a center may be right long before blur and edge are."""
+residuals: a center may be right long before blur and edge are. One that is expected to is not taken."""
 
 LAST_STEP_MM = 1e-3
 """Blur, edge enhancement and profile may look so alike that they never come to rest; the center is told if the last of
@@ -87,8 +87,9 @@ BEGIN: Final = Effort(LOOK_STEPS, 0.0, 0.0)
 REST: Final = Effort(MAX_STEPS - LOOK_STEPS, 0.0, LAST_STEP_MM)
 """The first steps of the whole, with which most balls come to rest, and what is left of it then."""
 
-FIRST_DAMPING, LEAST_DAMPING = 1e-5, 1e-9
-"""Levenberg-Marquardt damping at the start of a descent, and at least, as a share of the matrix's diagonal."""
+FIRST_DAMPING, LEAST_DAMPING, AGAIN_DAMPING = 1e-5, 1e-9, 1e-4
+"""Levenberg-Marquardt damping as a share of the matrix's diagonal: at the start of a descent, at least, and at least
+after a step that made things worse, for with less the next one is hardly shorter."""
 
 MAX_WANDER = 0.5
 """A fit that moves by more than this share of the radius has left its candidate, and is not pursued."""
@@ -136,10 +137,8 @@ def go_on(
 ) -> tuple[FloatArray, bool, float]:
     """Descend from ``theta`` with the ``damping`` of its last step; returns that of the next one as well."""
     voxels, held = (used.offsets_mm, used.values_hu, used.floors_hu), (prior.mean, prior.weight)
-    steps, least_gain, last_step_mm = effort
-    return _descend(
-        *voxels, theta, damping, *held, prior.layer_mm, discs(theta), ceiling_hu, steps, least_gain, last_step_mm
-    )
+    steps, gain, last_mm = effort
+    return _descend(*voxels, theta, damping, *held, prior.layer_mm, discs(theta), ceiling_hu, steps, gain, last_mm)
 
 
 @njit(cache=True, nogil=True)
@@ -169,6 +168,8 @@ def _descend(
         is_still = moved_mm < STEP_TOLERANCE_MM
         if math.sqrt(trial[U] ** 2 + trial[V] ** 2 + trial[W] ** 2) > 2.0 * MAX_WANDER * theta[RADIUS]:
             return trial, False, damping
+        if is_still and expected_gain(matrix, slope, trial - theta) < REST_GAIN * cost:
+            return theta, True, damping
         new = _equations(offsets, values, floors, trial, mean, weight, layer_mm, looked_up, ceiling)
         if new[0] < cost:
             is_at_rest = cost - new[0] < (REST_GAIN if is_still else least_gain) * cost
@@ -179,7 +180,7 @@ def _descend(
             damping = max(damping / 10.0, LEAST_DAMPING)
         else:
             is_at_rest = is_still
-            damping *= 10.0
+            damping = max(damping * 10.0, AGAIN_DAMPING)
         if is_at_rest:
             return theta, True, damping
     return theta, moved_mm < last_step_mm, damping

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ronnaplan.localization.fit.algebra import add_products, inverse, quantile, ranked, solve
+from ronnaplan.localization.fit.algebra import add_products, expected_gain, inverse, quantile, ranked, solve
 
 
 @pytest.mark.parametrize(("first", "size", "count"), [(1, 1, 1), (3, 7, 5), (14, 14, 504), (19, 44, 333)])
@@ -23,6 +23,13 @@ def test_normal_equations_are_solved_whatever_their_units() -> None:
     normal, right, solved = (rows * units).T @ (rows * units), draws.normal(size=14), np.empty(14)
     solve(np.column_stack([normal, right]), solved)
     np.testing.assert_allclose(solved * units, np.linalg.solve(rows.T @ rows, right / units), rtol=1e-9)
+
+
+def test_a_step_lessens_a_sum_of_squares_by_what_its_equations_tell() -> None:
+    draws = np.random.default_rng(2)
+    rows, values, step = draws.normal(size=(60, 5)), draws.normal(size=60), draws.normal(size=5)
+    less = 0.5 * np.sum(values**2) - 0.5 * np.sum((values - rows @ step) ** 2)
+    assert expected_gain(rows.T @ rows, rows.T @ values, step) == pytest.approx(less)
 
 
 def test_equations_that_tell_nothing_have_no_solution() -> None:

@@ -6,23 +6,26 @@ import numpy as np
 import pytest
 
 from ronnaplan.ct import CTVolume, SliceGrid
+from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import SOLID
 from ronnaplan.localization.examine import fit_place
-from ronnaplan.localization.fit import refine
+from ronnaplan.localization.fit import descent, refine
 from ronnaplan.localization.fit.descent import (
     BEGIN,
     FIRST_DAMPING,
     HOPELESS_SIZE,
+    LEAST_DAMPING,
     LOOK,
     REST,
     WHOLE,
     Effort,
+    Prior,
     descend,
     go_on,
 )
 from ronnaplan.localization.fit.guess import ball_prior, first_guess
-from ronnaplan.localization.fit.neighbourhood import gather
-from ronnaplan.localization.fit.parameters import EDGE, RADIUS
+from ronnaplan.localization.fit.neighbourhood import Neighbourhood, gather
+from ronnaplan.localization.fit.parameters import BLUR, CENTER, EDGE, RADIUS
 from ronnaplan.localization.scanner.scan import Scan
 from tests.scans import balls, scan, small_stack
 
@@ -98,6 +101,40 @@ def test_the_first_steps_are_those_of_the_whole_descent() -> None:
     assert np.array_equal(whole[0], rest[0])
     assert not descend(*given, Effort(1, 0.0, 0.0))[1]
     assert descend(*given, Effort(1, 0.0, np.inf))[1]
+
+
+def at_rest() -> tuple[Neighbourhood, FloatArray, Prior]:
+    """Voxels about a ball, the parameters at which their descent comes to rest, and what was known before."""
+    volume = scan(balls([(0.3, 0.2, 1.0)]), small_stack())
+    around = gather(volume, np.array([0.3, 0.2, 1.0]), 10.0, volume.grid.axes)
+    start = first_guess(around, 11.5, SOLID, 1.0, np.inf)
+    prior = ball_prior(start, SOLID, is_clipped=False)
+    return around, descend(around, start, prior, np.inf)[0], prior
+
+
+def test_a_step_that_went_too_far_is_not_tried_again_at_the_same_length() -> None:
+    around, theta, prior = at_rest()
+    aside = theta.copy()
+    aside[BLUR] = 0.8
+    again, is_at_rest, _ = go_on(around, aside, LEAST_DAMPING, prior, np.inf, Effort(8, 0.0, 0.0))
+    assert is_at_rest
+    assert np.abs(again - theta)[CENTER].max() < 1e-4
+
+
+def test_what_is_at_rest_is_held_against_the_voxels_only_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    around, theta, prior = at_rest()
+    equations, asked = descent._equations, []
+
+    def counting(*given):  # type: ignore[no-untyped-def]
+        asked.append(given)
+        return equations(*given)
+
+    monkeypatch.setattr(descent, "_equations", counting)
+    monkeypatch.setattr(descent, "_descend", getattr(descent._descend, "py_func", descent._descend))
+    again, is_at_rest = descend(around, theta, prior, np.inf)
+    assert is_at_rest
+    assert np.array_equal(again, theta)
+    assert len(asked) == 1
 
 
 def test_what_turns_out_to_be_of_another_size_is_given_up_on_the_way_there() -> None:
