@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import math
 from pathlib import Path
 
 import numpy as np
@@ -28,9 +29,11 @@ PIVOT_MM = np.array([-800.0, -85, -2100])
 ORIENTATION_DEG = 0.06
 PLACE_MM = 0.25
 """A tracker's errors, standard deviations per axis."""
+FILTER_POSES = 5
+"""Memory of each of the two low passes that make noise smooth."""
 TOOL_MM = (100.0, 400.0)
 """Lengths of the tools that are pivoted."""
-NOISES = ("white", "AR(1) 0.5", "AR(1) 0.9", "AR(1) 0.97", "random walk", "steady drift")
+NOISES = ("white", "AR(1) 0.5", "AR(1) 0.9", "AR(1) 0.97", "filtered", "random walk", "steady drift")
 
 
 def main() -> None:
@@ -81,6 +84,11 @@ def tracker_errors(rng: np.random.Generator, count: int, name: str) -> FloatArra
         memory = float(name.split()[1])
         before = rng.normal(size=(int(20 / (1 - memory)), 6))
         found = lfilter([np.sqrt(1 - memory**2)], [1, -memory], np.concatenate([before, white]), axis=0)[-count:]
+    elif name == "filtered":
+        memory = math.exp(-1 / FILTER_POSES)
+        rough = np.concatenate([rng.normal(size=(20 * FILTER_POSES, 6)), white])
+        gain = np.sqrt((1 - memory**2) ** 3 / (1 + memory**2))  # leaves unit variance
+        found = gain * lfilter([1], [1, -2 * memory, memory**2], rough, axis=0)[-count:]
     errors: FloatArray = found * np.repeat([np.radians(ORIENTATION_DEG), PLACE_MM], 3)
     return errors
 

@@ -27,6 +27,8 @@ MEMORIES = 16
 FILTER_MEMORY = 0.03
 """A filter's memory, and that of noise beside a steady drift, is at most so much of the recording: what is as smooth
 and lasts longer is a steady drift, what wanders beside one is a walk."""
+FILTER_POSES = 10
+"""However short a recording is, a filter may remember so many poses: a second or less, as trackers report them."""
 DRIFT_SDS = 4.0
 """A steady drift over half the recording, one standard deviation, in those of the noise."""
 DRIFT_PROBABILITY = 0.1
@@ -150,7 +152,7 @@ class _Candidate:
         modelled[: frame.constants] = True
         modelled[frame.drifts] = drifting
         self.residual = frame.residual[:count] - self.design[..., ~modelled] @ estimate[~modelled]
-        self.spectra = _spectra(self.poses, FILTER_MEMORY if drifting else 1.0)[:, :count]
+        self.spectra = _spectra(self.poses, drifting)[:, :count]
         self.inverse_spectra, self.log_volumes = 1 / self.spectra, np.log(self.spectra).sum(axis=1)
         random = np.full((len(self.spectra), modelled.sum() - frame.constants), DRIFT_SDS**2)
         self.turning = None
@@ -237,17 +239,18 @@ class _Candidate:
 
 
 @lru_cache(maxsize=4)
-def _spectra(count: int, longest: float) -> FloatArray:
+def _spectra(count: int, drifting: bool) -> FloatArray:
     """Return the family's variances (M, count), one for each frequency, of mean one; white noise first.
 
-    No memory is longer than ``longest`` of the recording. All kinds of noise ask for the same ones; not to be written
-    to.
+    Beside a steady drift memories are short. All kinds of noise ask for the same ones; not to be written to.
     """
+    short = FILTER_MEMORY * count
+    longest, of_filter = (short, short) if drifting else (count, max(short, FILTER_POSES))
     frequency = 2 * np.sin(np.pi * np.arange(count) / (2 * count))
     family = [np.ones(count)]
     for memory in np.geomspace(1.0, count, MEMORIES):
-        for order, limit in ((1, longest), (2, FILTER_MEMORY)):
-            if memory > max(1.0, limit * count):
+        for order, limit in ((1, longest), (2, of_filter)):
+            if memory > max(1.0, limit):
                 continue
             with_memory = (memory**-2 + frequency**2) ** -float(order)
             with_memory /= with_memory.mean()

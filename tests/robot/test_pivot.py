@@ -113,6 +113,24 @@ def test_the_error_is_as_large_as_stated_where_orientations_wander_and_drift(kin
     assert 0.5 < np.mean(squares) / 3 < 1.3  # one standard deviation of the mean: 0.15
 
 
+@pytest.mark.parametrize("count", [60, 100])
+def test_the_error_of_a_short_recording_is_as_large_as_stated_where_a_filter_smooths_it(count: int) -> None:
+    """A filter remembers so many poses, not a share of the recording: it was told 2 and 3 times too surely."""
+    rng = np.random.default_rng(24)
+    exact = recording(0, count, noise_mm=0.0)
+    squares = []
+    for _ in range(30):
+        poses, memory = exact.copy(), np.exp(-1 / 7)
+        smooth = lfilter(
+            [(1 - memory) ** 2], [1, -2 * memory, memory**2], rng.normal(size=(count + 100, 3)), axis=0
+        )
+        poses[:, :3, 3] += np.einsum("nij,nj->ni", poses[:, :3, :3], smooth[100:])
+        found = calibrate_pivot(poses)
+        error = found.tip_mm - TIP
+        squares.append(error @ np.linalg.solve(found.tip_covariance_mm2, error))
+    assert 0.5 < np.mean(squares) / 3 < 1.7
+
+
 def test_halves_of_a_recording_with_an_uneven_long_memory_agree() -> None:
     """Orientation errors over a long tool: across it ten times as large as along it, and smooth in time."""
     rng = np.random.default_rng(22)
