@@ -40,7 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
     if pivot is not None:
         found = with_tip(found, pivot.tip_mm, pivot.tip_covariance_mm2)
     tool = calibrated_tool(tracker, arguments.tool)
-    notes = (*tracker.notes, *robot.notes, *_alone(seen, driven), *_far(frames, found.far), *found.doubts)
+    moved = () if found.step is None else (found.step.told(frames),)
+    notes = (*tracker.notes, *robot.notes, *_alone(seen, driven), *_far(frames, found.far), *moved, *found.doubts)
     if pivot is not None:
         notes += (*pivot.notes, *other_tool(pivot.tool, tool))
     warn(*notes)

@@ -29,7 +29,8 @@ from ronnaplan.pose import (
     rigid,
 )
 from ronnaplan.robot.chain import OTS, TCP, M, R
-from ronnaplan.robot.hand_eye_start import FINEST, closed_form, discrepancies, far_off, which_are_far
+from ronnaplan.robot.hand_eye_start import FINEST, closed_form, discrepancies, far_off, out_of_step, which_are_far
+from ronnaplan.robot.hand_eye_step import Step, step_in
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
 from ronnaplan.robot.pivot import LONGEST_TOOL_MM
 
@@ -45,9 +46,6 @@ SWAPPED = 1.5
 """The tracker's errors are least at its spheres; found larger at M than at the TCP by this, M may be the robot's."""
 SAME_POSES = 1e-6
 """Poses that nowhere differ by more, in an entry, are of one recording."""
-FEWEST_TO_SHIFT, MUCH_BETTER = 20, 0.8
-"""Of so many poses those of the robot are tried one earlier and one later. Where they move little from one to the next
-it changes nothing; where it makes the angles left smaller than this share, they are not of the same moments."""
 STARTING_SDS = (1e-3, 1.0)
 """Errors of rotation, in rad, and translation, in mm, that the first step is weighed by."""
 ITERATIONS = 6
@@ -75,6 +73,8 @@ class HandEye:
     """Which poses are far off what the others say (`hand_eye_start.far_off`), and were counted as they are."""
     out_of_step: bool = False
     """Whether the poses fit far better with those of the robot one earlier, or one later."""
+    step: Step | None = None
+    """From which pose on robot and tracker, or M and TCP, stand otherwise to each other than before."""
     repeated: int = 0
     """How many poses were left out, as the tracker's were earlier ones to the last digit."""
 
@@ -131,18 +131,20 @@ def calibrate_hand_eye(
     require_two_axes(driven[:, :3, :3], "M from TCP")
     left, right = closed_form(seen, driven)
     found = _refine(seen, driven, left, right)
-    far = far_off(seen, driven)
+    far, step = far_off(seen, driven), _step(seen, driven, left, right)
     if not _agree(found):
         numbers = range(len(told)) if frames is None else [frames[one] for one in told]
-        raise RefusedError(_contradiction(found, seen, driven, far, numbers))
+        raise RefusedError(_contradiction(found, seen, driven, far, step, numbers))
     away_mm = float(np.linalg.norm(found.m_from_tcp.translation_mm))
     if away_mm > LONGEST_TOOL_MM:
         raise RefusedError(
             f"the TCP lies {away_mm:.0f} mm from M, expected at most {LONGEST_TOOL_MM:g}; check that the poses are "
             "tracker from tool and robot from TCP, and not both the other way round"
         )
-    out_of_step = _out_of_step(seen, driven, left, right)
-    return replace(found, far=tuple(map(int, told[far])), out_of_step=out_of_step, repeated=repeated)
+    late = out_of_step(seen, driven, left, right)
+    if step is not None:
+        step = None if late else step._replace(first=int(told[step.first]))
+    return replace(found, far=tuple(map(int, told[far])), out_of_step=late, step=step, repeated=repeated)
 
 
 def _agree(found: HandEye) -> bool:
@@ -150,7 +152,12 @@ def _agree(found: HandEye) -> bool:
 
 
 def _contradiction(
-    found: HandEye, seen: FloatArray, driven: FloatArray, far: NDArray[np.bool_], frames: Sequence[int]
+    found: HandEye,
+    seen: FloatArray,
+    driven: FloatArray,
+    far: NDArray[np.bool_],
+    step: Step | None,
+    frames: Sequence[int],
 ) -> str:
     """Say by how much poses (N, 4, 4) contradict each other, and which of ``frames`` do if without these none does."""
     said = (
@@ -161,6 +168,8 @@ def _contradiction(
     if far.any() and _agree(_fitted(seen[~far], driven[~far])):
         which, advice = which_are_far(frames, np.flatnonzero(far).tolist())
         return f"{said}: {which}; {advice}"
+    if step and all(_agree(_fitted(a, b)) for a, b in zip(*map(step.parts, (seen, driven)), strict=True)):
+        return f"{said}: {step.told(frames)}"
     if _agree(_fitted(invert(seen), driven)):
         return (
             f"{said}, but agree once those of either are inverted; check which are not tracker from tool, or robot "
@@ -169,22 +178,10 @@ def _contradiction(
     return f"{said}; record both at the same moments, as tracker from tool and robot from TCP"
 
 
-def _out_of_step(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> bool:
-    """Tell whether poses (N, 4, 4) in the order of recording fit far better one earlier, or one later.
-
-    ``left`` and ``right`` are their closed form as they are.
-    """
-    if len(seen) < FEWEST_TO_SHIFT:
-        return False
-    shifted = ((seen[1:], driven[:-1]), (seen[:-1], driven[1:]))
-    apart = (_angle_left(a, b, *closed_form(a, b)) for a, b in shifted)
-    return min(apart) < MUCH_BETTER * _angle_left(seen, driven, left, right)
-
-
-def _angle_left(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> float:
-    """Return the angle, in rad RMS, that R from OTS ``left`` and M from TCP ``right`` leave between poses."""
-    error = discrepancies(seen, driven, left, right)
-    return float(np.sqrt((error[:, :3] ** 2).sum(axis=1).mean()))
+def _step(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> Step | None:
+    """Return the step in poses (N, 4, 4) of which ``left`` and ``right`` are the closed form."""
+    design = _design(seen, right, np.ones(6))[..., :CONSTANTS]
+    return step_in(discrepancies(seen, driven, left, right), design)
 
 
 def with_tip(found: HandEye, tip_mm: FloatArray, tip_mm2: FloatArray) -> HandEye:

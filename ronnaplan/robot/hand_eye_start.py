@@ -1,4 +1,4 @@
-"""Where a hand-eye calibration starts: Shah's closed form, and which poses are far off what the others say.
+"""Where a hand-eye calibration starts: Shah's closed form, and which poses are far off, or all of other moments.
 
 The closed form (2013, J. Mech. Robot. 5:031007) is that of least squares, so that a few wrong poses turn it towards
 them, and right ones then look as wrong. Which poses are far off is therefore told from the least sum of the lengths
@@ -21,6 +21,9 @@ FINEST = (1e-9, 1e-6)
 """No tracker errs less, in rad and mm; poses without errors are taken to err by so much."""
 MOST_WRONG = 1 / 3
 """Of more that are far off it is open whether they are wrong or the others, as where something was moved."""
+FEWEST_TO_SHIFT, MUCH_BETTER = 20, 0.8
+"""Of so many poses those of the robot are tried one earlier and one later. Where they move little from one to the next
+it changes nothing; where it makes the angles left smaller than this share, they are not of the same moments."""
 ROUNDS, SETTLED = 50, 1e-3
 """So many rounds weigh the poses anew, or until no weight changes by more than this part of the largest."""
 
@@ -70,6 +73,18 @@ def which_are_far(frames: Sequence[int], far: Sequence[int]) -> tuple[str, str]:
     return told, looked + "leave them out of the recording"
 
 
+def out_of_step(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> bool:
+    """Tell whether poses (N, 4, 4) in the order of recording fit far better one earlier, or one later.
+
+    ``left`` and ``right`` are R from OTS and M from TCP, their closed form as they are.
+    """
+    if len(seen) < FEWEST_TO_SHIFT:
+        return False
+    shifted = ((seen[1:], driven[:-1]), (seen[:-1], driven[1:]))
+    apart = (_angle_left(a, b, *closed_form(a, b)) for a, b in shifted)
+    return min(apart) < MUCH_BETTER * _angle_left(seen, driven, left, right)
+
+
 def _lengths_left(seen: FloatArray, driven: FloatArray) -> FloatArray:
     """Return the angles and lengths (N, 2) that the poses leave where these, by what is usual, have the least sum."""
     weight = np.ones(len(seen))
@@ -81,6 +96,12 @@ def _lengths_left(seen: FloatArray, driven: FloatArray) -> FloatArray:
         if np.abs(weight - before).max() < SETTLED:
             break
     return lengths
+
+
+def _angle_left(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> float:
+    """Return the angle, in rad RMS, that R from OTS ``left`` and M from TCP ``right`` leave between poses."""
+    error = discrepancies(seen, driven, left, right)
+    return float(np.sqrt((error[:, :3] ** 2).sum(axis=1).mean()))
 
 
 def _usual(lengths: FloatArray) -> FloatArray:

@@ -130,6 +130,23 @@ def test_poses_that_contradict_the_others_are_named_by_their_frames(
     assert (f"(frames {cells[frame]})" in capsys.readouterr().err) == (off_mm > 0)
 
 
+def test_from_which_frame_on_the_base_was_moved_is_told_and_written(
+    home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    session, out = home / "session", tmp_path / "hand-eye.json"
+    header, *rows = (session / "hand_eye_tracker.csv").read_text("utf-8").splitlines()
+    column, frame = (header.split(",").index(name) for name in ("m03", "frame"))
+    cells = [row.split(",") for row in rows]
+    for row in cells[17:]:
+        row[column] = str(float(row[column]) + 4.0)
+    (tmp_path / "tracker.csv").write_text("\n".join([header, *map(",".join, cells)]), "utf-8")
+    both = [str(tmp_path / "tracker.csv"), str(session / "hand_eye_robot.csv")]
+    assert main(["robot", "hand-eye", *both, "-o", str(out)]) == 0
+    told = f"from frame {cells[17][frame]} on robot and tracker stand otherwise to each other than before"
+    assert told in capsys.readouterr().err
+    assert any(note.startswith(told) for note in read(out)["notes"])
+
+
 def test_the_commands_write_what_the_functions_return(home: Path) -> None:
     session = home / "session"
     pivot = calibrate_pivot(read_recording(session / "pivot.csv").poses("tool"))

@@ -45,7 +45,7 @@ def test_which_half_of_a_recording_is_wrong_is_not_guessed() -> None:
     """As where the tracker was moved meanwhile."""
     seen, driven, *_ = hand_eye_poses(7, 40, 1e-3, 0.2)
     either = r"frames 24-39\); look .* and record anew: of so many"
-    for moved, told in ((20, "; record both at the same moments"), (16, either)):
+    for moved, told in ((20, "10: from frame 20 on robot and tracker stand otherwise"), (16, either)):
         wrong = seen.copy()
         wrong[-moved:] = matrix(np.random.default_rng(2), 100) @ seen[-moved:]
         with pytest.raises(RefusedError, match=told):

@@ -1,0 +1,99 @@
+"""Whether tracker, base or tool moved partway through a hand-eye recording, and from which pose on.
+
+One calibration for all is then a mean of two, which leaves to each half what it is off. So one of the two poses that
+are sought is let change at each pose in turn, all to first order about the one calibration: it is a change where
+little is left then. Half of a steady drift is left whatever step is taken from it, and of noise without a memory all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.robot.hand_eye_start import FINEST
+
+FEWEST_POSES = 20
+"""Of fewer a step, which has six unknowns, leaves little of any noise."""
+SHORTEST = 5
+"""So many poses lie before it, and after: of fewer each is told as far off by itself."""
+LEFT_BY_A_STEP = 0.4
+"""A step counts where it leaves less than this share of the angles or of the places (RMS)."""
+ROUNDS = 2
+"""Each weighs angles and places by what the step of the one before leaves."""
+UNDETERMINED = 1e-12
+"""What poses before or after alone turn about one axis leaves some changes open: these take nothing."""
+OF_OTS, OF_M = slice(0, 6), slice(6, 12)
+"""Which of the constant unknowns are those of R from OTS, and of M from TCP."""
+
+
+class Step(NamedTuple):
+    """From pose ``first`` on robot and tracker, or M and TCP, stand otherwise to each other than before."""
+
+    first: int
+    of_tool: bool
+
+    def told(self, frames: Sequence[int]) -> str:
+        """Say from which of ``frames`` (N,) on, and what may have happened."""
+        if self.of_tool:
+            said = "M stands otherwise on the tool than before, as if the tool or its marker slipped"
+        else:
+            said = "robot and tracker stand otherwise to each other than before, as if base or tracker were moved"
+        return f"from frame {frames[self.first]} on {said}; fasten what is loose, and record anew"
+
+    def parts(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return ``poses`` (N, ...) before it, and those from it on."""
+        return poses[: self.first], poses[self.first :]
+
+
+def step_in(error: FloatArray, design: FloatArray) -> Step | None:
+    """Return the step, if there is one, in poses of which ``error`` (N, 6), in rad and mm, is left.
+
+    ``design`` (N, 6, 12) is how it changes with R from OTS and M from TCP.
+    """
+    count = len(error)
+    if count < FEWEST_POSES:
+        return None
+    sds = np.ones(6)
+    for _ in range(ROUNDS + 1):
+        sds = np.maximum(sds, np.repeat(FINEST, 3))
+        columns, observed = design / sds[:, None], error / sds
+        step = _likeliest(observed, columns)
+        later = columns[:, :, OF_M if step.of_tool else OF_OTS].copy()
+        later[: step.first] = 0
+        with_step = sds * _left(observed, np.concatenate([columns, later], axis=2))
+        without = sds * _left(observed, columns)
+        sds = _per_kind(with_step)
+    return step if (sds < LEFT_BY_A_STEP * _per_kind(without)).any() else None
+
+
+def _likeliest(observed: FloatArray, design: FloatArray) -> Step:
+    """Return the step that takes most from the sum of squares, by the normal equations of all poses from each on."""
+    normal = np.cumsum(np.einsum("nci,ncj->nij", design, design)[::-1], axis=0)[::-1]
+    score = np.cumsum(np.einsum("nci,nc->ni", design, observed)[::-1], axis=0)[::-1]
+    all_of_it, at_all = np.linalg.inv(normal[0]), score[0]
+    firsts = slice(SHORTEST, len(design) - SHORTEST + 1)
+    gains = []
+    for which in (OF_OTS, OF_M):
+        mixed = normal[firsts, :, which]
+        own = normal[firsts, which, which] - mixed.swapaxes(1, 2) @ all_of_it @ mixed
+        open_ = score[firsts, which] - (all_of_it @ at_all) @ mixed
+        inverse = np.linalg.pinv(own, rcond=UNDETERMINED, hermitian=True)
+        gains.append(np.einsum("ka,kab,kb->k", open_, inverse, open_))
+    of_tool, first = np.unravel_index(np.argmax(gains), (2, len(gains[0])))
+    return Step(int(first) + SHORTEST, bool(of_tool))
+
+
+def _left(observed: FloatArray, design: FloatArray) -> FloatArray:
+    """Return (N, 6): what least squares leave of ``observed``."""
+    flat = design.reshape(-1, design.shape[2])
+    solution = np.linalg.lstsq(flat, observed.ravel(), rcond=None)[0]
+    left: FloatArray = observed - design @ solution
+    return left
+
+
+def _per_kind(error: FloatArray) -> FloatArray:
+    """Return (6,): the RMS of angles and of places."""
+    return np.asarray(np.repeat(np.sqrt((error.reshape(-1, 2, 3) ** 2).mean(axis=(0, 2))), 3))

@@ -1,0 +1,65 @@
+"""From which pose of a hand-eye recording on something stands otherwise."""
+
+import numpy as np
+import pytest
+
+from ronnaplan.errors import RefusedError
+from ronnaplan.pose import exponential, invert, rigid
+from ronnaplan.robot.hand_eye import calibrate_hand_eye
+from ronnaplan.robot.hand_eye_step import Step
+from tests.robot.test_orientation import hand_eye_poses
+
+SLIPPED = rigid(exponential(np.radians([0.0, 1.0, 0.5])), np.array([2.0, 0, 2]))
+
+
+@pytest.mark.parametrize("first", [6, 20, 35])
+@pytest.mark.parametrize("of_tool", [False, True])
+def test_what_moved_partway_is_told_from_its_first_pose_on(first: int, of_tool: bool) -> None:
+    """The poses agreed to 0.6 degrees and 2 mm RMS, which the document told, and nothing else."""
+    seen, driven, *_ = hand_eye_poses(7, 40, 1e-3, 0.2)
+    assert calibrate_hand_eye(seen, driven).step is None
+    if of_tool:
+        seen[first:] = seen[first:] @ SLIPPED
+    else:
+        seen[first:, :3, 3] += (3.0, 0, 2)
+    seen[2] = seen[1]  # told again, and left out, but the frames count
+    found = calibrate_hand_eye(seen, driven, frames=range(100, 140))
+    assert found.step == Step(first, of_tool)
+    said = "M stands otherwise on the tool" if of_tool else "robot and tracker stand otherwise to each other"
+    assert found.step.told(range(100, 140)).startswith(f"from frame {100 + first} on {said}")
+
+
+def test_what_moved_so_far_that_all_is_refused_is_told_as_well() -> None:
+    seen, driven, *_ = hand_eye_poses(7, 40, 1e-3, 0.2)
+    seen[20:, :3, 3] += 30.0
+    with pytest.raises(
+        RefusedError, match=r"12.* mm RMS, .*: from frame 120 on robot and tracker stand otherwise"
+    ):
+        calibrate_hand_eye(seen, driven, frames=range(100, 140))
+
+
+@pytest.mark.parametrize("walks", [False, True])
+def test_noise_and_drift_are_no_movement(walks: bool) -> None:
+    """They leave much whatever step is taken from them."""
+    for seed in range(10):
+        seen, driven, *_ = hand_eye_poses(seed, 40, 1e-3, 0.2)
+        rng = np.random.default_rng(seed)
+        drift = np.linspace(-1, 1, 40)[:, None] * np.array([3.0, 0, 1])
+        seen[:, :3, 3] += np.cumsum(0.2 * rng.normal(size=(40, 3)), axis=0) if walks else drift
+        assert calibrate_hand_eye(seen, driven).step is None
+
+
+def test_flange_turned_in_two_postures_of_the_arm_is_no_movement() -> None:
+    """The poses of either leave open by what R from OTS would have changed between the two."""
+    rng, turns = np.random.default_rng(3), np.zeros((40, 3))
+    turns[:, 0] = np.tile(np.linspace(-0.6, 0.6, 20), 2)
+    postures = exponential(np.array([[0, 0, 0], [0, 0.7, 0]]))
+    rotations = np.repeat(postures, 20, axis=0) @ exponential(turns)
+    _, _, m_from_tcp, robot_from_ots = hand_eye_poses(1, 4, 0.0, 0.0)
+    driven = rigid(rotations, 200 * rng.normal(size=(40, 3)))
+    seen = invert(robot_from_ots) @ driven @ invert(m_from_tcp)
+    for noise_mm in (0.0, 0.2):
+        seen[:, :3, 3] += noise_mm * rng.normal(size=(40, 3))
+        assert calibrate_hand_eye(seen, driven).step is None
+    seen[26:, :3, 3] += (0, 3.0, 3)
+    assert calibrate_hand_eye(seen, driven).step == Step(26, of_tool=False)
