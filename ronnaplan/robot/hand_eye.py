@@ -40,6 +40,8 @@ SMALLEST_TURN_DEG = 5.0
 """RMS turn about the second axis that the poses need; below it the translation along the first is undetermined."""
 LARGEST_ROTATION_DEG, LARGEST_TRANSLATION_MM = 3.0, 10.0
 """Poses of robot and tracker that are off by more (RMS) do not belong together: no tracker errs so much."""
+SAME_ANGLES_DEG = 0.5
+"""Poses of other moments are seldom off by less (RMS), a tracker's errors seldom by more."""
 SAME_TIP_PROBABILITY = 1e-6
 """A pivot calibration that errors as stated would put so far off, and more rarely than this, is of another tip."""
 SWAPPED = 1.5
@@ -174,6 +176,11 @@ def _contradiction(
         return (
             f"{said}, but agree once those of either are inverted; check which are not tracker from tool, or robot "
             "from TCP"
+        )
+    if found.rotation_rms_deg <= SAME_ANGLES_DEG:
+        return (
+            f"{said}: the angles agree, and the places do not; check columns, signs and units of the places in both, "
+            "and the order of a quaternion's numbers"
         )
     return f"{said}; record both at the same moments, as tracker from tool and robot from TCP"
 

@@ -68,3 +68,20 @@ def test_one_recording_the_other_way_round_is_told(which: str) -> None:
         calibrate_hand_eye(*given)
     with pytest.raises(RefusedError, match=r"10; record both at the same moments"):
         calibrate_hand_eye(seen, driven[::-1])
+
+
+@pytest.mark.parametrize("wrong", ["columns", "mirrored", "quaternion"])
+def test_places_that_are_written_otherwise_than_the_angles_are_told_as_such(wrong: str) -> None:
+    """They were said to be of other moments."""
+    seen, driven, *_ = hand_eye_poses(7, 40, 1e-3, 0.2)
+    if wrong == "columns":
+        driven[:, :3, 3] = driven[:, [1, 0, 2], 3]
+    elif wrong == "mirrored":
+        mirror = np.diag([1.0, 1, -1, 1])
+        seen = mirror @ seen @ mirror
+    else:  # x, y, z, w of both where w, x, y, z belong: another unit quaternion, and turns that agree as before
+        for poses in (seen, driven):
+            turns = Rotation.from_matrix(poses[:, :3, :3]).as_quat()
+            poses[:, :3, :3] = Rotation.from_quat(turns[:, [1, 2, 3, 0]]).as_matrix()
+    with pytest.raises(RefusedError, match=r": the angles agree, and the places do not; check columns, signs"):
+        calibrate_hand_eye(seen, driven)
