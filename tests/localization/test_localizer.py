@@ -11,12 +11,13 @@ from scipy.stats import chi2
 
 from phantoms.anatomy import scalp_foot
 from phantoms.decoys import DECOYS, decoy
+from phantoms.fast import render_hu
 from phantoms.markers import marker
 from phantoms.scene import Part, Scene
 from phantoms.solids import cylinder, ellipsoid, sphere
 from ronnaplan.errors import InputError, RefusedError, UsageError
 from ronnaplan.localization import FiducialFlag, localize
-from tests.scans import balls, scan, small_stack
+from tests.scans import balls, on_grid, scan, small_stack
 
 PLACES = [(-14.3, -12.2, -3.1), (13.6, 11.7, 2.4), (15.1, -13.8, 5.3)]
 
@@ -162,6 +163,18 @@ def test_clipped_metal_under_a_sharp_kernel_keeps_its_size(diameter_mm: float, m
     for one in found.fiducials:
         assert one.diameter_mm == pytest.approx(diameter_mm, abs=0.1)
         assert FiducialFlag.CLIPPED in one.flags
+
+
+@pytest.mark.parametrize("diameter_mm", [3.0, 5.0])
+def test_clipped_zirconia_is_found_though_it_absorbs_twice_as_much_as_steel(diameter_mm: float) -> None:
+    places = [(0.1, 0.2, 0.3), (9.3, -8.2, 7.4), (-8.6, 7.1, -6.2)]
+    stack = small_stack(spacing_mm=0.8)
+    steel_hu = render_hu(balls(places, diameter_mm, "steel"), stack, blur_mm=0.5, noise_hu=10.0)
+    zirconia_hu = np.clip(2.1 * (steel_hu + 1000.0) - 1000.0, -1024.0, 3071.0).astype(np.int16)
+    found = localize(on_grid(zirconia_hu, stack), diameter_mm=diameter_mm, expected=3)
+    distances = np.linalg.norm(found.centers[:, np.newaxis] - np.array(places), axis=-1).min(axis=1)
+    assert distances.max() < 0.02
+    assert all(one.flags == (FiducialFlag.CLIPPED,) for one in found)
 
 
 def test_a_screws_head_is_no_ball() -> None:

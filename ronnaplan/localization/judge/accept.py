@@ -114,7 +114,7 @@ def _contrast(evidence: Evidence) -> str | None:
     contrast = evidence.fit.contrast_hu
     if contrast >= MAX_CONTRAST_HU:  # what is larger than it should be, and clipped, looks ever brighter instead
         return (
-            f"contrast {MAX_CONTRAST_HU:.0f} HU or more: it is larger than stated, or absorbs more than steel does"
+            f"contrast {MAX_CONTRAST_HU:.0f} HU or more: it is larger than stated, or absorbs more than zirconia"
         )
     if evidence.fit.is_clipped:
         floor_hu = float(evidence.fit.neighbourhood.floors_hu.min())

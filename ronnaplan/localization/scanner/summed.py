@@ -19,7 +19,6 @@ from kernelcache import njit
 from ronnaplan.ct.volume import CTVolume, Voxels
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.ball_fit import BallFit
-from ronnaplan.localization.fit.descent import MAX_CONTRAST_HU
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood, first_of_each
 from ronnaplan.localization.fit.parameters import (
     BLUR,
@@ -53,7 +52,7 @@ ALIKE_VOXELS = 6.0
 AIR_HU = -850.0
 """What is below is air: its noise and its rounding would add up over a picture."""
 
-PADDING_HU = MAX_CONTRAST_HU - 1000.0
+PADDING_HU = 31000.0
 """What is brighter than any scale goes is padding that no tag tells (-2000, say, that was stored without its sign)."""
 
 SPARSE_MM = 3.0

@@ -97,9 +97,9 @@ def test_what_is_attached_to_more_than_a_post_leaves_a_round_rest(fit: BallFit) 
     )
 
 
-def test_a_contrast_that_no_scale_holds_is_no_markers(fit: BallFit) -> None:
-    reason = TESTS["contrast"](evidence(changed(fit, CONTRAST, 32000.0)))
-    assert reason == "contrast 32000 HU or more: it is larger than stated, or absorbs more than steel does"
+def test_a_contrast_beyond_zirconias_is_no_markers(fit: BallFit) -> None:
+    reason = TESTS["contrast"](evidence(changed(fit, CONTRAST, 50000.0)))
+    assert reason == "contrast 50000 HU or more: it is larger than stated, or absorbs more than zirconia"
 
 
 def test_what_ends_from_one_voxel_to_the_next_was_pasted_in(fit: BallFit) -> None:
