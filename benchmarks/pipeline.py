@@ -118,7 +118,7 @@ def stages(volume: CTVolume, diameter_mm: float) -> list[list[str]]:
     """Return a row for each stage of localizing: its time, the bytes that it moves at least, and these bytes' time."""
     scan = Scan(volume)
     coarse = coarsen(volume, coarse_voxel_mm(diameter_mm)).voxels_hu
-    seen = detect(volume, diameter_mm).centers_mm
+    seen = detect(volume, diameter_mm)
     thickness_mm = scan.thickness_mm(seen)
     coarsening = best(lambda: coarsen(volume, coarse_voxel_mm(diameter_mm)))
     detecting = best(lambda: detect(volume, diameter_mm))

@@ -112,6 +112,15 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
+def sizes(diameters_mm: Iterable[float]) -> str:
+    """Return the diameters that were looked for, for a sentence that says so.
+
+    >>> sizes([11.5]), sizes([8.0, 11.5])
+    ('11.5', '8 or 11.5')
+    """
+    return " or ".join(f"{diameter_mm:g}" for diameter_mm in diameters_mm)
+
+
 def listed(names: Iterable[str], most: int = 10) -> str:
     """Return names for a sentence that says which there are: each, and their number, within reason.
 

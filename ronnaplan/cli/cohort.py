@@ -76,13 +76,15 @@ def _init(arguments: argparse.Namespace) -> int:
 
 
 def _told(counts: Counts, out: str) -> str:
+    from ronnaplan.text import counted
+
     listed = counts.listed
     lines = [f"not looked at: {one}" for one in listed.skipped[:MOST_SHOWN]]
     if len(listed.skipped) > MOST_SHOWN:
         lines.append(f"and {len(listed.skipped) - MOST_SHOWN} more")
     lines += [f"no series goes by the rule '{name}'" for name in counts.idle_rules]
     if listed.files:
-        files = f"{listed.files} file{'s' * (listed.files > 1)}"
+        files = counted(listed.files, "file")
         lines.append(f"{files}, {listed.changed} of them new, changed or not read before")
     lines.append(
         f"{counts.worked} series worked on; in all {counts.done} done, {counts.refused} refused, {counts.unusable} "

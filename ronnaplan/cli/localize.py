@@ -239,11 +239,10 @@ def _write(output: str | None, found: Fiducials) -> None:
 
 def _summary(found: Fiducials) -> str:
     from ronnaplan.report.tables import fiducials_table, resolution_line
-    from ronnaplan.text import counted
+    from ronnaplan.text import counted, sizes
 
-    sizes = " or ".join(f"{diameter:g}" for diameter in found.diameters_mm)
     rejected = counted(len(found.rejected), "candidate")
-    count = f"{counted(len(found), 'marker')} of {sizes} mm; {rejected} rejected"
+    count = f"{counted(len(found), 'marker')} of {sizes(found.diameters_mm)} mm; {rejected} rejected"
     return "\n".join(
         [
             *([fiducials_table(found)] if len(found) else []),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from ronnaplan.cli.output import tell
 from ronnaplan.errors import InputError, RonnaplanError
-from ronnaplan.text import LONGEST_SENTENCE, counted, printable
+from ronnaplan.text import LONGEST_SENTENCE, counted, printable, sizes
 
 if TYPE_CHECKING:
     from ronnaplan.ct import CTVolume
@@ -158,17 +158,13 @@ def _outcome(job: Job, steps: Steps) -> Outcome:
         status=status,
         markers=None if found is None else len(found),
         rejected=None if found is None else len(found.rejected),
-        diameters_mm="" if found is None else _sizes(found),
+        diameters_mm="" if found is None else sizes(found.diameters_mm),
         flags=" ".join(sorted(of_markers | of_scan)),
         fiducials=file,
         message=message,
         markers_by_diameter="" if found is None else _by_diameter(found),
         first_file=job.first_file,
     )
-
-
-def _sizes(found: Fiducials) -> str:
-    return " or ".join(f"{diameter:g}" for diameter in found.diameters_mm)
 
 
 def _by_diameter(found: Fiducials) -> str:
@@ -181,7 +177,7 @@ def _by_diameter(found: Fiducials) -> str:
 def _counted(found: Fiducials) -> str:
     doubt = "" if found.distortion is None else f"; warning: {found.distortion}"
     rejected = counted(len(found.rejected), "candidate")
-    return f"{counted(len(found), 'marker')} of {_sizes(found)} mm; {rejected} rejected{doubt}"
+    return f"{counted(len(found), 'marker')} of {sizes(found.diameters_mm)} mm; {rejected} rejected{doubt}"
 
 
 def _table(outcomes: Sequence[Outcome]) -> str:

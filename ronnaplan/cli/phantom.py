@@ -70,6 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Scan ``arguments.scene`` and write it to ``arguments.output``."""
     from phantoms.errors import PhantomError
     from ronnaplan.errors import InputError, UsageError
+    from ronnaplan.text import counted
 
     if arguments.list:
         return _list()
@@ -87,8 +88,8 @@ def run(arguments: argparse.Namespace) -> int:
     except PhantomError as error:
         raise InputError(str(error)) from error
     tell(
-        f"wrote {len(examination.stack)} slices and truth.json with {len(examination.scene.markers)} markers "
-        f"to {arguments.output}"
+        f"wrote {counted(len(examination.stack), 'slice')} and truth.json with "
+        f"{counted(len(examination.scene.markers), 'marker')} to {arguments.output}"
     )
     return 0
 

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from ronnaplan.text import table
+from ronnaplan.text import counted, table
 
 if TYPE_CHECKING:
     from ronnaplan.ct.files import Skipped
@@ -73,7 +73,7 @@ def _table(series: Sequence[SeriesSummary], skipped: Sequence[Skipped], with_pat
         shown += [f"     cannot be used: {problem}" for problem in one.problems]
         shown += [f"     note: {note}" for note in one.notes]
     if skipped:
-        shown.append(f"{len(skipped)} other file{'s' * (len(skipped) > 1)}:")
+        shown.append(f"{counted(len(skipped), 'other file')}:")
         shown += [f"     {one.name}: {one.reason}" for one in skipped[:MOST_SKIPPED_SHOWN]]
         if len(skipped) > MOST_SKIPPED_SHOWN:
             shown.append(f"     and {len(skipped) - MOST_SKIPPED_SHOWN} more")

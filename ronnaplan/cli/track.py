@@ -39,6 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.files import check_target, write_result
     from ronnaplan.documents.registration import read_registration
     from ronnaplan.errors import InputError
+    from ronnaplan.text import counted
     from ronnaplan.tracking import find_markers
     from ronnaplan.tracking.csv_file import write_csv
     from ronnaplan.tracking.openigtlink import record
@@ -64,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
     except InputError as error:
         warn(str(error))
         return 0
-    tell(f"{len(found.markers)} markers in {found.frames} frames")
+    tell(f"{counted(len(found.markers), 'marker')} in {counted(found.frames, 'frame')}")
     for marker in found.markers[:MOST_TOLD]:
         x, y, z = marker.position_mm
         doubts = "".join(f"; {flag}" for flag in marker.flags)

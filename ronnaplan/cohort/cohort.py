@@ -66,8 +66,9 @@ def run_cohort(
 
     Without ``list_roots`` the series are those of the last listing; ``again`` tries once more what was set aside.
     Raises `InputError` for a root that is not there, holds no images, is ``out`` or lies below another, a folder that
-    another run has, that nobody can write in or whose index is damaged, no last listing, a scheduler that is lost, and
-    before all that where a package of the extra ``cohort`` is not installed.
+    another run has, that nobody can write in or whose index is damaged, no last listing, or none of
+    a root that is named, a scheduler that is lost, and before all that where a package of the extra ``cohort`` is not
+    installed.
     """
     require_packages("a cohort", "cohort", "distributed", "pyarrow", "fsspec")
     from ronnaplan.cohort.page import write_page

@@ -9,8 +9,9 @@ from ronnaplan.cohort.places import Place
 from ronnaplan.jobs.database import Database
 
 FILE = "index.sqlite"
-NEW, WAITING, DONE, ASIDE, LEFT = "new", "waiting", "done", "aside", "left"
-"""States of a series: not looked at, to be worked on, worked on, set aside by a fault, left alone as no rule fits."""
+WAITING, DONE, ASIDE, LEFT = "waiting", "done", "aside", "left"
+"""States of a series that was looked at (``new`` before): to be worked on, worked on, set aside by a fault, left alone
+as no rule fits."""
 
 SCHEMA = """
 CREATE TABLE IF NOT EXISTS places (

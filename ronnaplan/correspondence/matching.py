@@ -30,8 +30,8 @@ LOG = logging.getLogger(__name__)
 MOST_LISTED_POINTS = 16
 FEW_POINTS = 6
 MOST_NODES = 1600
-"""Of two sets of up to 16 points, or up to 6 against more, every pairing is listed, if that is soon done; of larger
-ones, or more regular ones, every pose is sought."""
+"""Every pairing is listed, if that is soon done, of two sets of up to `MOST_LISTED_POINTS`, or of up to `FEW_POINTS`
+against more, with `MOST_NODES` pairs of points at most. Of larger sets, or more regular ones, every pose is sought."""
 
 
 def match_points(
@@ -74,6 +74,11 @@ def match_points(
     spread_mm
         Standard deviation per axis of the markers about their center: 60 mm for a head.
 
+    Returns
+    -------
+    Pairing
+        The pairs, where its ``status`` is ``unique``; else none, and why, with the pairings that rival each other.
+
     Raises
     ------
     InputError
@@ -96,7 +101,7 @@ def match_points(
     )
     listed = is_small(counts)
     answer = match_small(problem, least_probability) if listed else None
-    if answer is None:
+    if answer is None:  # too large to be listed, or too regular
         answer = match_large(problem, least_probability)
         if listed and answer.status == "unmatched" and not answer.rivals and answer.reason != LEFT_HANDED:
             answer = _not_listed(problem)

@@ -40,8 +40,8 @@ UNREPRESENTABLE_PADDING_HU: Final = -32768.0
 MOST_THREADS: Final = 8
 MOST_AT_ONCE: Final = 8
 LEAST_RUNS: Final = 4
-"""A thread is handed so many slices at most, and at least so many times some: to hand out each by itself takes as long
-as to read it."""
+"""At most so many threads read. Each is handed so many slices at most, and at least so many times some: to hand out
+each slice by itself takes as long as to read it."""
 
 
 def read_ct(
@@ -89,6 +89,7 @@ def _read(
 
 
 def _told(volume: CTVolume) -> CTVolume:
+    """Tell the log what was read, and return it."""
     LOG.info("read %r of series %s", volume, volume.source.series_instance_uid)
     for flag in volume.flags:
         LOG.info("the scan is to be doubted: %s", flag)
@@ -102,6 +103,7 @@ def _judged(volume: CTVolume) -> CTVolume:
 
 
 def _without_unmeasured(volume: CTVolume) -> CTVolume:
+    """Say which value stands where nothing was measured: image files declare none."""
     return replace(volume, padding_hu=_mark_unmeasured_corners(volume.voxels_hu, None))
 
 
@@ -241,9 +243,10 @@ def _padding_hu(slices: Sequence[SliceImage]) -> float | None:
 
 
 def _mark_unmeasured_corners(voxels: Voxels, padding_hu: float | None) -> float | None:
-    """Find the value outside the circle of reconstruction, where the file does not declare it.
+    """Return the value that padding has: ``padding_hu``, where the file declares it, else what its corners show.
 
-    It is the one value, below any that air can take, that stands in all corners of all slices.
+    That is the one value, below any that air can take, in all corners of all slices, outside the circle of
+    reconstruction. Where it is another than the declared one, ``voxels`` that have it get the declared one.
     """
     corners = np.array([plane[[0, 0, -1, -1], [0, -1, 0, -1]] for plane in one_by_one(voxels)])
     value = float(corners.min())

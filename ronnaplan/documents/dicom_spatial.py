@@ -24,6 +24,7 @@ from ronnaplan.documents.fiducials import FiducialEntry, FiducialsDocument, Sour
 from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
+from ronnaplan.text import counted
 
 SPATIAL_REGISTRATION = UID("1.2.840.10008.5.1.4.1.1.66.1")
 SPATIAL_FIDUCIALS = UID("1.2.840.10008.5.1.4.1.1.66.2")
@@ -58,7 +59,7 @@ def spatial_fiducials(document: FiducialsDocument, patient: Dataset | None = Non
     if not document.fiducials:
         raise InputError("the document holds no fiducials; a Spatial Fiducials object needs at least one")
     dataset = begin_object(FIDUCIALS, document.source, document.model_dump_json(), patient)
-    dataset.SeriesDescription = f"{len(document.fiducials)} markers"
+    dataset.SeriesDescription = counted(len(document.fiducials), "marker")
     dataset.ContentLabel = "MARKERS"
     dataset.ContentDescription = f"Spheres of {document.marker.diameter_mm:g} mm found by ronnaplan"
     markers = Dataset()

@@ -33,7 +33,7 @@ from ronnaplan.documents.reading import made, read_document
 from ronnaplan.errors import check_type
 from ronnaplan.geometry import FloatArray, Frame, Points, rms_mm
 from ronnaplan.localization.fiducials import UNSEEN_MOTION_MM, FiducialFlag, Fiducials
-from ronnaplan.text import counted
+from ronnaplan.text import counted, sizes
 
 FORMAT = "ronnaplan.fiducials"
 LEAST_APART = 0.25
@@ -169,11 +169,11 @@ class FiducialsDocument(DocumentModel):
         return self
 
     def __repr__(self) -> str:
-        sizes = " or ".join(f"{size_mm:g}" for size_mm in self.marker.diameters_mm or (self.marker.diameter_mm,))
+        looked_for = sizes(self.marker.diameters_mm or (self.marker.diameter_mm,))
         doubted = sum(bool(entry.flags) for entry in self.fiducials)
         flags = f", {doubted} flagged" if doubted else ""
         found, rejected = counted(len(self.fiducials), "marker"), counted(len(self.rejected), "candidate")
-        return f"FiducialsDocument({found} of {sizes} mm{flags}, {rejected} rejected)"
+        return f"FiducialsDocument({found} of {looked_for} mm{flags}, {rejected} rejected)"
 
     __str__ = __repr__
 

@@ -136,7 +136,7 @@ def examine_places(
 
 def places_for(scan: Scan, diameter_mm: float, build: Build = SOLID) -> list[FloatArray]:
     """Return the places (3,) of ``scan`` at which a ball of ``diameter_mm`` is worth a fit, strongest first."""
-    seen = detect(scan.volume, diameter_mm).centers_mm
+    seen = detect(scan.volume, diameter_mm)
     shares = surface_shares(scan.volume, seen, diameter_mm, build, scan.thickness_mm(seen), MIN_COVERAGE)
     seen = seen[shares >= MIN_COVERAGE]
     return list(seen[first_apart(seen, SAME_PLACE * diameter_mm)])

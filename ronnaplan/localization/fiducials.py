@@ -21,7 +21,7 @@ from ronnaplan.localization.fit.parameters import (
     SHAPE,
     profile_fwhm_mm,
 )
-from ronnaplan.text import counted, place
+from ronnaplan.text import counted, place, sizes
 
 if TYPE_CHECKING:
     from ronnaplan.figures import Picture
@@ -171,7 +171,6 @@ class Fiducials(Shown[Fiducial]):
         return self.fiducials
 
     def _headline(self) -> str:
-        sizes = " or ".join(f"{diameter:g}" for diameter in self.diameters_mm)
         doubted = sum(bool(found.flags) for found in self)
         flags = f", {doubted} flagged" if doubted else ""
         other = self.other_diameter_mm
@@ -179,7 +178,7 @@ class Fiducials(Shown[Fiducial]):
         hint += "" if len(self) else "; localization.sizes_seen(volume) tells what is there"
         hint = hint if self.distortion is None else f"; {self.distortion}"
         rejected = counted(len(self.rejected), "candidate")
-        return f"{counted(len(self), 'marker')} of {sizes} mm{flags}{hint}, {rejected} rejected"
+        return f"{counted(len(self), 'marker')} of {sizes(self.diameters_mm)} mm{flags}{hint}, {rejected} rejected"
 
     @property
     def other_diameter_mm(self) -> float | None:

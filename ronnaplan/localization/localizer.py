@@ -43,7 +43,7 @@ from ronnaplan.localization.scanwide.together import moved, together
 from ronnaplan.localization.scanwide.usual import alike, by_the_usual, usual_profiles_mm
 from ronnaplan.localization.size import proposal, sizes_seen
 from ronnaplan.localization.template import Template, distance_error_mm, match_template
-from ronnaplan.text import place
+from ronnaplan.text import place, sizes
 
 LOG = logging.getLogger(__name__)
 
@@ -284,9 +284,8 @@ def _fiducial(label: str, one: Examined, scan: Scan, profile_mm: float, *, has_m
 
 
 def _explain_count(result: Fiducials, expected: int) -> str:
-    sizes = " or ".join(f"{diameter:g}" for diameter in result.diameters_mm)
     were = "marker of {} mm was" if len(result) == 1 else "markers of {} mm were"
-    found = f"{len(result)} {were.format(sizes)} found, {expected} expected"
+    found = f"{len(result)} {were.format(sizes(result.diameters_mm))} found, {expected} expected"
     if len(result) > expected or not result.rejected:
         return f"{found}; check the diameter and the number"
     near = ", ".join(f"{place(one.center_mm)}: {one.reason}" for one in result.rejected[:NEAREST_SHOWN])

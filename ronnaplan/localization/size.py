@@ -27,6 +27,7 @@ from ronnaplan.localization.scanwide.thick import as_thick, as_thin
 from ronnaplan.localization.scanwide.usual import OF_THE_PROFILE, judged_again, usual_of
 from ronnaplan.localization.search.anysize import SEARCHED_MM, Place, round_places
 from ronnaplan.localization.search.coarse import COARSE_FLOOR_MM, coarsen
+from ronnaplan.text import counted
 from ronnaplan.threads import in_threads, single_threaded_algebra
 
 LARGE_MM = 5.0 * COARSE_FLOOR_MM
@@ -55,7 +56,7 @@ class Size:
     """Whether the scale ends so far below their contrast that nobody sees how large they are."""
 
     def __str__(self) -> str:
-        spheres = f"{self.count} sphere{'s' * (self.count > 1)}"
+        spheres = counted(self.count, "sphere")
         if self.is_hidden:
             return f"{spheres} of about {self.diameter_mm:.0f} mm, brighter than the scan's scale"
         return f"{spheres} of {self.diameter_mm:.2f} mm"

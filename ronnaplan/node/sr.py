@@ -28,6 +28,7 @@ from ronnaplan.documents.fiducials import FiducialEntry, FiducialsDocument, Sour
 from ronnaplan.documents.plan import plan_text
 from ronnaplan.errors import InputError
 from ronnaplan.planning import Plan, Trajectory
+from ronnaplan.text import counted
 
 SCHEME: Final = "99RONNAPLAN"
 """Designator of the codes that no public scheme has."""
@@ -65,7 +66,7 @@ def structured_report(document: FiducialsDocument, patient: Dataset, images: lis
     content = document.model_dump_json()
     groups = [_group(one, frame, content) for one in document.fiducials]
     made = _report(groups, MARKERS, document.source, content, patient, images)
-    made.SeriesDescription = f"{len(document.fiducials)} markers with covariances"
+    made.SeriesDescription = f"{counted(len(document.fiducials), 'marker')} with covariances"
     return made
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from ronnaplan.node.index import Index
-from ronnaplan.text import NOTICE
+from ronnaplan.text import NOTICE, counted
 
 METRICS: Final = "text/plain; version=0.0.4"
 MOST_SHOWN: Final = 200
@@ -113,7 +113,7 @@ def _series_row(*row: Any) -> list[str]:
     if job is not None:
         told = f'<span class="{escape(state)}">{escape(state)}</span>'
         told += f" (attempt {attempts})" if attempts > 1 else ""
-        told += f", {answers} answer{'s' * (answers > 1)}" if answers else ""
+        told += f", {counted(answers, 'answer')}" if answers else ""
     if state in ("refused", "failed"):
         told += f' <form method="post" action="/retry"><button name="job" value="{job}">retry</button></form>'
     texts = (

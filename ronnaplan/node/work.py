@@ -23,6 +23,7 @@ from ronnaplan.node.config import AnswerKind, Rule
 from ronnaplan.node.lean import load_pydicom
 from ronnaplan.node.papers import KINDS, object_of
 from ronnaplan.portable import run_instead
+from ronnaplan.text import counted
 from ronnaplan.untrusted import checked
 
 if TYPE_CHECKING:
@@ -154,7 +155,7 @@ def _gather(
     if "pdf" in wanted:
         with _left_out(order, "pdf", tell):
             makers["pdf"] = partial(_report, drafted(Case(volume=volume, fiducials=document)), found)
-    return f"{len(fiducials)} markers", makers
+    return counted(len(fiducials), "marker"), makers
 
 
 def _papers(order: Order) -> dict[str, Path]:

@@ -19,6 +19,7 @@ class MarkerRegistration:
     """The pairing of CT markers with readings and, where it is unique, the registration ``ots_from_ct``."""
 
     ct: Points
+    """The scan's markers, with ``sigma_ct_mm`` in their covariances."""
     ots: Points
     pairing: Pairing
     registration: Registration | None
@@ -82,9 +83,9 @@ def register_markers(
     """Pair the markers of a scan ``ct`` with the tracker's ``ots``, in any order, and register ``ots_from_ct``.
 
     ``sigma_ct_mm`` (see `SIGMA_CT_MM`) is added to every CT marker's own covariance. ``known_pairs`` are labels
-    (CT, OTS) that a person pointed at; ``expected`` and ``at_least`` are as in `match_points`. Raises `UsageError`
-    for labels that are not there, named twice, or those of several markers, and `InputError` for what `match_points`
-    or `register_points` cannot use.
+    (CT, OTS) that a person pointed at; ``expected`` and ``at_least`` are as in `match_points`. A refused pairing
+    is returned, too, without a registration. Raises `UsageError` for labels that are not there, named twice, or those
+    of several markers, and `InputError` for what `match_points` or `register_points` cannot use.
     """
     from ronnaplan.correspondence import match_points
 

@@ -128,7 +128,7 @@ class Registration(Shown[RegisteredPair]):
 
     @property
     def fre_rms_mm(self) -> float:
-        """Fiducial registration error: root of Eq. 1's mean squared residual."""
+        """Fiducial registration error: root of the mean squared residual (Eq. 1 of the paper)."""
         return float(fre_rms_mm(self.transform, self.moving_mm, self.fixed_mm))
 
     @property
@@ -213,14 +213,6 @@ class Registration(Shown[RegisteredPair]):
         return self.fre_rms_mm > MIRROR_GAIN * mirrored_mm and len(self) > 3
 
 
-def _require_once(pairs_mm: FloatArray) -> None:
-    """Raise `InputError` where two of ``pairs_mm`` (N, 6) are the same to the digit: one marker would count as two."""
-    _, first = np.unique(pairs_mm, axis=0, return_index=True)
-    again = np.setdiff1d(np.arange(len(pairs_mm)), first)
-    if again.size:
-        raise InputError(f"pair {again[0]} is given twice, with the same numbers; expected each marker once")
-
-
 def register_points(
     moving: ArrayLike,
     fixed: ArrayLike,
@@ -234,7 +226,7 @@ def register_points(
 
     ``covariances`` are what the points err by, in mm^2, each in its own frame: (3, 3) for all or (N, 3, 3), of the
     fixed points with the moving ones exact, or a tuple (moving, fixed). With them the fit is of maximum likelihood, for
-    errors that differ by direction and point; without, it is the closed form of Eq. 1, and one error for all is
+    errors that differ by direction and point; without, it is the closed form of least squares, and one error for all is
     estimated from the residuals. It is a rotation and a translation, never a reflection. ``labels`` name the pairs.
 
     Raises `InputError` for fewer than three pairs, sets of unequal length, a pair given twice, collinear points,
@@ -268,3 +260,11 @@ def register_points(
         for pair in registration:
             LOG.debug("%s is left %.4f mm off", pair.label, pair.residual_mm)
     return registration
+
+
+def _require_once(pairs_mm: FloatArray) -> None:
+    """Raise `InputError` where two of ``pairs_mm`` (N, 6) are the same to the digit: one marker would count as two."""
+    _, first = np.unique(pairs_mm, axis=0, return_index=True)
+    again = np.setdiff1d(np.arange(len(pairs_mm)), first)
+    if again.size:
+        raise InputError(f"pair {again[0]} is given twice, with the same numbers; expected each marker once")

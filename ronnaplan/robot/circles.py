@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import SD_PER_DEVIATION, FloatArray
 from ronnaplan.robot.circles_compiled import halved, supporters, votes
 
 SMALLEST_RADIUS_PX = 8.0
@@ -91,7 +91,7 @@ def _edges(grey: Image) -> _Edges:
     half = halved(grey)
     smooth = cv2.GaussianBlur(half, (0, 0), SMOOTHING_PX / 2, dst=half)
     across, down = (cv2.Sobel(smooth, cv2.CV_32F, *which, scale=1 / 8) for which in ((1, 0), (0, 1)))
-    noise = float(np.median(np.abs(across[::4, ::4]))) / 0.6745
+    noise = SD_PER_DEVIATION * float(np.median(np.abs(across[::4, ::4])))
     noise = max(noise, LEAST_NOISE * float(np.ptp(smooth[::4, ::4])), 1e-12)
     in_sds = [cv2.addWeighted(one, UNITS / noise, one, 0, 0, dtype=cv2.CV_16S) for one in (across, down)]
     mask = cv2.Canny(in_sds[0], in_sds[1], UNITS * EDGE_SDS / 2, UNITS * EDGE_SDS, L2gradient=True)

@@ -15,7 +15,7 @@ import numpy as np
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.hand_eye_start import FINEST
 
-FEWEST_POSES = 20
+FEWEST_FOR_A_STEP = 20
 """Of fewer a step, which has six unknowns, leaves little of any noise."""
 SHORTEST = 5
 """So many poses lie before it, and after: of fewer each is told as far off by itself."""
@@ -54,7 +54,7 @@ def step_in(error: FloatArray, design: FloatArray) -> Step | None:
     ``design`` (N, 6, 12) is how it changes with R from OTS and M from TCP.
     """
     count = len(error)
-    if count < FEWEST_POSES:
+    if count < FEWEST_FOR_A_STEP:
         return None
     sds = np.ones(6)
     for _ in range(ROUNDS + 1):

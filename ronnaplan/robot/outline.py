@@ -75,8 +75,6 @@ class Cone(_Seen):
 class Outline(_Seen):
     """One sphere-like outline."""
 
-    points_px: FloatArray
-    """The outline points (N, 2) that the fit used."""
     sight: Sight
     """Where the sphere is in any light; direction and half-angle are those in all lights that may fall on it."""
 
@@ -125,14 +123,11 @@ def _outline(grey: Image, cone: Cone, camera: Camera, lamp_sd_deg: float) -> Out
     if fitted is None:
         return None
     found, told = fitted
-    turn, shifts = found.angles[told.kept], found.shifts_px[told.kept]
-    outward = np.column_stack([np.cos(turn), np.sin(turn)]) @ found.across.T
-    points = _shown(_toward(found, found.place), outward, found.place[2] + shifts / camera.focal_px, camera)
     doubt = OVEREXPOSED if found.clipped_share > OVEREXPOSED_SHARE else 1.0
     sight = _sight(found, doubt * told.excess, camera)
     lights = in_each_light([sight], lamp_sd_deg)
     place, _ = weighed(lights.logarithms, lights.places, lights.covariances)
-    return Outline(_toward(found, place), float(place[2]), points, sight)
+    return Outline(_toward(found, place), float(place[2]), sight)
 
 
 def _fitted(grey: Image, cone: Cone, camera: Camera) -> tuple[ShadedSphere, _Judged] | None:
@@ -213,11 +208,6 @@ def _toward(found: ShadedSphere, place: FloatArray) -> FloatArray:
     """Return the unit direction (3,) of a ``place`` (3) along its axes."""
     axis: FloatArray = found.expected + found.across @ place[:2]
     return axis / np.linalg.norm(axis)
-
-
-def _shown(axis: FloatArray, outward: FloatArray, half_angles: FloatArray, camera: Camera) -> FloatArray:
-    """Return the pixels (N, 2) that show what lies ``half_angles`` (N) off the ``axis``, ``outward`` (N, 3)."""
-    return camera.pixels(np.cos(half_angles)[:, None] * axis + np.sin(half_angles)[:, None] * outward)
 
 
 def _waves(turn: FloatArray, shifts: FloatArray, sds: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -17,7 +17,7 @@ from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import as_poses, as_stack, cross_matrix, first_told
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
-from ronnaplan.text import successive
+from ronnaplan.text import counted, successive
 
 FEWEST_FOR_SCATTER = 10
 """Of fewer the scatter is not known, however often each is repeated."""
@@ -98,9 +98,9 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
     told, which = first_told(offered)
     different = len(told)
     if different < FEWEST_FOR_SCATTER:
-        once = "different " * (different < len(offered))
+        distinct = counted(different, "different pose" if different < len(offered) else "pose")
         raise InputError(
-            f"the pivot has {different} {once}pose{'s' * (different != 1)}, expected {FEWEST_FOR_SCATTER} or more; "
+            f"the pivot has {distinct}, expected {FEWEST_FOR_SCATTER} or more; "
             "turn the tool about the divot to all sides while it is recorded"
         )
     matrices = as_poses(offered, "pivot pose")[told]

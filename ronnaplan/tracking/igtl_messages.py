@@ -167,7 +167,7 @@ class Stream:
     def _is_repeated(self, message: Message, tool: str, said_of_it: bytes) -> bool:
         """Keep what a device said last of a ``tool``, or of points (""); return whether that has long been the same.
 
-        So it is where it is frozen. Places that change are new though the device's time stands still: some senders
+        A frozen device says so. Places that change are new though the device's time stands still: some senders
         never set it again.
         """
         may_rest = self._resting is None or tool in self._resting
@@ -205,9 +205,8 @@ class Stream:
 
     def _take_tracked(self, message: Message, body: bytes) -> None:
         told, found = message.metadata(body), tracked(message.kind, message.content(body), message.device)
-        frame = max(
-            self._tool_frames[one.name] for one in found
-        )  # one moment's, where a tool was left out before, too
+        # one moment's, where a tool was left out before, too
+        frame = max(self._tool_frames[one.name] for one in found)
         for one in found:
             stated = pose_status(told, one.name)
             status = one.status if stated == OK else stated

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import SD_PER_DEVIATION, FloatArray, Frame, Points, require_sigma
 from ronnaplan.sigmas import SIGMA_OTS_MM
-from ronnaplan.text import place
+from ronnaplan.text import counted, place
 from ronnaplan.tracking.recording import PointReading, Recording, require_one_system
 
 GATE_MM = 4.0
@@ -99,8 +99,8 @@ class MarkerReadings:
         doubted = sum(bool(marker.flags) for marker in self.markers)
         flags = f", {doubted} flagged" if doubted else ""
         return (
-            f"MarkerReadings({len(self.markers)} markers in {self.frames} frames of {self.frame}{flags}, "
-            f"{len(self.rejected)} tracks rejected)"
+            f"MarkerReadings({counted(len(self.markers), 'marker')} in {counted(self.frames, 'frame')} of "
+            f"{self.frame}{flags}, {counted(len(self.rejected), 'track')} rejected)"
         )
 
     @property

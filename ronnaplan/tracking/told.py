@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ronnaplan.text import counted
 from ronnaplan.tracking.recording import Recording
 from ronnaplan.tracking.stray import GATE_MM, MOST_REASONS, MarkerFlag, MarkerReadings
 
@@ -24,7 +25,7 @@ def _left_out(recording: Recording) -> list[str]:
     flagged = recording.flagged()
     if len(flagged) > MOST_REASONS:
         return [f"{sum(flagged.values())} readings left out for {len(flagged)} reasons; see their status"]
-    return [f"{count} reading{'s' * (count > 1)} left out: {reason}" for reason, count in sorted(flagged.items())]
+    return [f"{counted(count, 'reading')} left out: {reason}" for reason, count in sorted(flagged.items())]
 
 
 def _doubts(found: MarkerReadings) -> list[str]:

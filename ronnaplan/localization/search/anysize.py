@@ -46,8 +46,8 @@ def round_places(scan: Scan, coarse: CTVolume, marker: Build, progress: bool) ->
 
     def voted(copy: CTVolume, sizes_mm: list[float]) -> list[Place]:
         balls: list[Place] = []
-        for diameter_mm, candidates in zip(sizes_mm, detect_in(copy, sizes_mm), strict=True):
-            places = candidates.centers_mm[:MOST_LOOKED_AT]
+        for diameter_mm, seen in zip(sizes_mm, detect_in(copy, sizes_mm), strict=True):
+            places = seen[:MOST_LOOKED_AT]
             thickness_mm = scan.thickness_mm(places)
             shares = surface_shares(volume, places, diameter_mm, marker, thickness_mm, LEAST_SHOWN)
             balls += [(place, diameter_mm) for place in places[shares >= LEAST_SHOWN]]

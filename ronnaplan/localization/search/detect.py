@@ -20,7 +20,7 @@ from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.search.coarse import averaged, blocks, coarse_grid, coarse_voxel_mm
-from ronnaplan.localization.search.votes import Ballot, Candidates, Edges
+from ronnaplan.localization.search.votes import Ballot, Edges
 from ronnaplan.threads import in_parts
 
 MIN_CONTRAST_HU = 300.0
@@ -33,8 +33,8 @@ ALMOST = 0.999
 """Gradients are first taken in single precision, which tells all but those within this of the threshold."""
 
 
-def detect(volume: CTVolume, diameter_mm: float) -> Candidates:
-    """Find the places where the scan's edges agree on a ball of ``diameter_mm``.
+def detect(volume: CTVolume, diameter_mm: float) -> FloatArray:
+    """Return the places (N, 3) in LPS mm where the scan's edges agree on a ball of ``diameter_mm``, strongest first.
 
     They are looked for in a copy of coarser voxels (`coarse_voxel_mm`), of which there is only a part at a time.
     """
@@ -43,15 +43,15 @@ def detect(volume: CTVolume, diameter_mm: float) -> Candidates:
     return _search(grid, lambda first, end: averaged(volume, by, first, end), (diameter_mm,))[0]
 
 
-def detect_in(coarse: CTVolume, diameters_mm: Sequence[float]) -> list[Candidates]:
-    """Find, for each of ``diameters_mm``, the places where the edges of a ``coarse`` copy agree on a ball."""
+def detect_in(coarse: CTVolume, diameters_mm: Sequence[float]) -> list[FloatArray]:
+    """Return, for each of ``diameters_mm``, the places where the edges of a ``coarse`` copy agree on a ball."""
     voxels_hu = coarse.voxels_hu.astype(np.int16, copy=False)
     return _search(coarse.grid, lambda first, end: voxels_hu[first:end], diameters_mm)
 
 
 def _search(
     grid: SliceGrid, slab: Callable[[int, int], NDArray[np.int16]], diameters_mm: Sequence[float]
-) -> list[Candidates]:
+) -> list[FloatArray]:
     """Find balls in a copy on ``grid``, of which ``slab`` gives the slices from the first to before the end.
 
     Its edges are looked for once, and vote for each of the diameters.

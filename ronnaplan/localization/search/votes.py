@@ -33,14 +33,6 @@ MOST_VOTES = 255
 """No cell counts more: balls gather up to a hundred in one, and one with so many is a peak whatever else it gets."""
 
 
-@dataclass(frozen=True)
-class Candidates:
-    """Places worth a fit: ``centers_mm`` (N, 3) in LPS, strongest first, with their share of a ball's votes."""
-
-    centers_mm: FloatArray
-    vote_shares: FloatArray
-
-
 def cell_mm(diameter_mm: float, least_mm: float) -> float:
     """Return how large the cells are in which votes for balls of ``diameter_mm`` are counted."""
     return max(diameter_mm / VOTE_CELLS_PER_DIAMETER, least_mm)
@@ -71,11 +63,15 @@ class Ballot:
         for some in edges:
             _vote(some, self.diameter_mm / 2.0, self.corner, self.cell_mm, self.votes)
 
-    def counted(self, voxels_per_mm2: float, axes: FloatArray) -> Candidates:
-        """Return who was voted for, where a surface has so many voxels and ``axes`` (3, 3) are u, v, w in LPS."""
+    def counted(self, voxels_per_mm2: float, axes: FloatArray) -> FloatArray:
+        """Return the places (N, 3) in LPS mm that are worth a fit, those with most votes first.
+
+        A surface has so many voxels, and ``axes`` (3, 3) are u, v, w in LPS.
+        """
         surface_voxels = np.pi * self.diameter_mm**2 * voxels_per_mm2
-        centers, shares = _peaks(self.votes, surface_voxels)
-        return Candidates((self.corner + centers * self.cell_mm) @ axes, shares)
+        centers = _peaks(self.votes, MIN_VOTE_SHARE * surface_voxels)
+        places_mm: FloatArray = (self.corner + centers * self.cell_mm) @ axes
+        return places_mm
 
 
 @njit(cache=True, nogil=True)
@@ -91,12 +87,12 @@ def _vote(edges: Edges, radius: float, corner: FloatArray, cell: float, votes: V
             votes[z, y, x] += votes[z, y, x] < MOST_VOTES
 
 
-def _peaks(votes: Votes, full_count: float) -> tuple[FloatArray, FloatArray]:
-    """Local maxima of the votes gathered over 3 x 3 x 3 cells: cell coordinates (N, 3) = (x, y, z), and shares."""
-    parts = in_parts(lambda first, end: _gather_peaks(votes, MIN_VOTE_SHARE * full_count, first, end), len(votes))
+def _peaks(votes: Votes, least: float) -> FloatArray:
+    """Local maxima (N, 3) = (x, y, z), in cells, of the votes gathered over 3 x 3 x 3 cells; the strongest first."""
+    parts = in_parts(lambda first, end: _gather_peaks(votes, least, first, end), len(votes))
     places, strength, centers = (np.concatenate(some) for some in zip(*parts, strict=True))
-    best = np.lexsort((*places.T, -strength))
-    return centers[best], strength[best] / full_count
+    ordered: FloatArray = centers[np.lexsort((*places.T, -strength))]
+    return ordered
 
 
 @njit(cache=True, nogil=True)

@@ -19,12 +19,9 @@ def joint_margins_deg(arm: SerialArm, angles_rad: ArrayLike) -> FloatArray:
 
 def manipulability(arm: SerialArm, angles_rad: ArrayLike, tool: str | None = None) -> FloatArray:
     """Return Yoshikawa's measure (...): the product of the singular values of the Jacobian, lengths per `LENGTH_MM`."""
-    return np.asarray(_singular_values(arm, angles_rad, tool).prod(axis=-1), dtype=np.float64)
-
-
-def weakest_direction(arm: SerialArm, angles_rad: ArrayLike, tool: str | None = None) -> FloatArray:
-    """Return the least singular value (...) of the Jacobian, lengths per `LENGTH_MM`: zero in a singular posture."""
-    return np.asarray(_singular_values(arm, angles_rad, tool)[..., -1], dtype=np.float64)
+    moved = jacobian(arm, angles_rad, tool)
+    moved[..., 3:, :] /= LENGTH_MM
+    return np.asarray(np.linalg.svd(moved, compute_uv=False).prod(axis=-1), dtype=np.float64)
 
 
 def singularity_deg(arm: SerialArm, angles_rad: ArrayLike) -> FloatArray:
@@ -43,9 +40,3 @@ def singularity_deg(arm: SerialArm, angles_rad: ArrayLike) -> FloatArray:
     wrist, angles = wrist_of(arm), as_angles(arm, angles_rad)
     flat = np.ascontiguousarray(angles.reshape(-1, len(arm)))
     return np.degrees([singularity(wrist, one) for one in flat]).reshape(angles.shape[:-1])
-
-
-def _singular_values(arm: SerialArm, angles_rad: ArrayLike, tool: str | None) -> FloatArray:
-    moved = jacobian(arm, angles_rad, tool)
-    moved[..., 3:, :] /= LENGTH_MM
-    return np.asarray(np.linalg.svd(moved, compute_uv=False), dtype=np.float64)

@@ -18,7 +18,6 @@ from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanwide import logarithm
 from ronnaplan.localization.scanwide.logarithm import summed_told, told_by
 from ronnaplan.localization.search.detect import detect
-from ronnaplan.localization.search.votes import Candidates
 from ronnaplan.report.marker_cuts import marker_pictures
 from ronnaplan.report.tables import resolution_line
 from tests.localization.scanner.test_summed import WIDTH_MM, summed_picture_hu
@@ -103,7 +102,7 @@ def test_what_was_made_good_is_fitted_where_candidates_were_seen_before(
 ) -> None:
     searched = []
 
-    def counted(volume: CTVolume, diameter_mm: float) -> Candidates:
+    def counted(volume: CTVolume, diameter_mm: float) -> FloatArray:
         searched.append(diameter_mm)
         return detect(volume, diameter_mm)
 

@@ -23,13 +23,13 @@ def test_edges_vote_one_radius_up_their_gradient() -> None:
     ballot = _counted(times=2)
     assert ballot.votes.sum() == ballot.votes.max() == 4
     found = ballot.counted(0.01, np.eye(3))
-    np.testing.assert_allclose(found.centers_mm, [[10.0, 8.0, 9.0]])
+    np.testing.assert_allclose(found, [[10.0, 8.0, 9.0]])
 
 
 def test_a_cell_that_is_full_stays_a_peak() -> None:
     ballot = _counted(times=MOST_VOTES)
     assert ballot.votes.max() == MOST_VOTES
-    np.testing.assert_allclose(ballot.counted(0.01, np.eye(3)).centers_mm, [[10.0, 8.0, 9.0]])
+    np.testing.assert_allclose(ballot.counted(0.01, np.eye(3)), [[10.0, 8.0, 9.0]])
 
 
 def test_peaks_are_the_cells_that_gather_most_of_all_about_them_and_the_first_of_equals() -> None:

@@ -11,11 +11,11 @@ import pytest
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.arm.arm import SerialArm
-from ronnaplan.robot.arm.forward import forward, jacobian, link_frames
+from ronnaplan.robot.arm.forward import LENGTH_MM, forward, jacobian, link_frames
 from ronnaplan.robot.arm.inverse import inverse, turns
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.arm.numeric import inverse_numeric
-from ronnaplan.robot.arm.quality import joint_margins_deg, manipulability, singularity_deg, weakest_direction
+from ronnaplan.robot.arm.quality import joint_margins_deg, manipulability, singularity_deg
 from ronnaplan.robot.arm.urdf import read_urdf
 from tests.robot.arm.arms import KR6, SEVEN, TILTED
 
@@ -23,6 +23,13 @@ from tests.robot.arm.arms import KR6, SEVEN, TILTED
 def read(text: str, folder: Path, tip: str | None = None) -> SerialArm:
     (folder / "arm.urdf").write_text(text)
     return read_urdf(folder / "arm.urdf", tip=tip).arm
+
+
+def weakest_direction(arm: SerialArm, angles_rad: FloatArray) -> FloatArray:
+    """Return the least singular value (...) of the Jacobian, lengths per `LENGTH_MM`: zero in a singular posture."""
+    moved = jacobian(arm, angles_rad)
+    moved[..., 3:, :] /= LENGTH_MM
+    return np.asarray(np.linalg.svd(moved, compute_uv=False)[..., -1], dtype=np.float64)
 
 
 def random_angles(arm: SerialArm, count: int, seed: int = 0) -> FloatArray:

@@ -15,10 +15,10 @@ from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.forward import forward, jacobian
 from ronnaplan.robot.arm.inverse import inverse
 from ronnaplan.robot.arm.numeric import inverse_numeric
-from ronnaplan.robot.arm.quality import singularity_deg, weakest_direction
+from ronnaplan.robot.arm.quality import singularity_deg
 from ronnaplan.robot.arm.wrist import center_mm, shoulder_mm, stretched_mm, wrist_of
 from tests.robot.arm.arms import HALF, PANDA_M, SEVEN, UR5E_M, UR10E_M, calibrated, iiwa, panda, ur
-from tests.robot.arm.test_kinematics import peer_poses, random_angles, read
+from tests.robot.arm.test_kinematics import peer_poses, random_angles, read, weakest_direction
 
 KINDS = ("spherical", "parallel", "shoulder")
 """Which axes meet, and which are parallel: spherical and parallel wrists, and spherical shoulders."""
