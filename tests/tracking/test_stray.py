@@ -291,3 +291,9 @@ def test_of_many_reasons_why_nothing_is_usable_some_are_told() -> None:
     points = [PointReading(0, np.zeros(3), status=f"fault {number}") for number in range(9)]
     with pytest.raises(InputError, match=r"\(1 fault 0, .*, 1 fault 4, and 4 more reasons\)"):
         find_markers(Recording("r", tuple(points)))
+
+
+def test_one_marker_is_counted_as_one() -> None:
+    one = PointReading(0, np.array([1.0, 2.0, 3.0]), "F1")
+    found = find_markers(Recording("x", (one,)))
+    assert repr(found).startswith("MarkerReadings(1 marker in 1 frame of ")
