@@ -78,7 +78,7 @@ def noise_alike(volume: CTVolume, apart_mm: float) -> float:
     """Return the correlation of the noise of slices that lie about ``apart_mm`` apart; NaN where there is none.
 
     Noise is what differs between neighbouring pixels, without the edges that few of them have between them. What is cut
-    off at the scale's lower end shows none.
+    off at the scale's lower end shows none, nor does what fills more than half of the slices with one value: padding.
     """
     gaps_mm, voxels_hu = volume.grid.spacings_mm, volume.voxels_hu
     apart = max(round(apart_mm / float(np.median(gaps_mm))), 1) if gaps_mm.size else len(voxels_hu)
@@ -87,7 +87,7 @@ def noise_alike(volume: CTVolume, apart_mm: float) -> float:
         return math.nan
     firsts = np.unique(np.linspace(0, last - 1, min(PAIRS, last)).astype(int))
     both_hu = np.stack([voxels_hu[firsts], voxels_hu[firsts + apart]]).astype(np.float64)
-    is_seen = (both_hu > voxels_hu.min()).all(axis=0)
+    is_seen = ((both_hu > voxels_hu.min()) & (both_hu != np.median(both_hu))).all(axis=0)
     differ_hu = np.diff(both_hu, axis=-1)[:, is_seen[..., 1:] & is_seen[..., :-1]]
     if not differ_hu.size:
         return math.nan

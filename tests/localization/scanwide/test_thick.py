@@ -65,3 +65,12 @@ def test_noise_is_alike_as_far_as_it_is_blurred() -> None:
     noiseless = replace(sharp, voxels_hu=np.zeros_like(sharp.voxels_hu))
     assert np.isnan(noise_alike(noiseless, half_a_profile_mm))
     assert np.isnan(noise_alike(sharp, 100.0))  # no two slices lie so far apart
+
+
+def test_noise_is_alike_beside_padding_that_is_not_the_darkest_of_the_scan() -> None:
+    blurred = smoothed(balls(PLACES, 6.0), 1.3)
+    padded_hu = blurred.voxels_hu.copy()
+    padded_hu[:, :, 50:] = -500
+    half_a_profile_mm = 0.5 * np.sqrt(12.0) * 1.3
+    padded = replace(blurred, voxels_hu=padded_hu)
+    assert noise_alike(padded, half_a_profile_mm) == pytest.approx(np.exp(-0.75), abs=0.1)
