@@ -187,8 +187,7 @@ def _contradiction(
 
 def _step(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> Step | None:
     """Return the step in poses (N, 4, 4) of which ``left`` and ``right`` are the closed form."""
-    design = _design(seen, right, np.ones(6))[..., :CONSTANTS]
-    return step_in(discrepancies(seen, driven, left, right), design)
+    return step_in(discrepancies(seen, driven, left, right), _design(seen, right, np.ones(6)))
 
 
 def with_tip(found: HandEye, tip_mm: FloatArray, tip_mm2: FloatArray) -> HandEye:

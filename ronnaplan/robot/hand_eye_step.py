@@ -2,7 +2,7 @@
 
 One calibration for all is then a mean of two, which leaves to each half what it is off. So one of the two poses that
 are sought is let change at each pose in turn, all to first order about the one calibration: it is a change where
-little is left then. Half of a steady drift is left whatever step is taken from it, and of noise without a memory all.
+little is left then, and less than by steady drifts. Of noise without a memory all is left.
 """
 
 from __future__ import annotations
@@ -21,24 +21,29 @@ SHORTEST = 5
 """So many poses lie before it, and after: of fewer each is told as far off by itself."""
 LEFT_BY_A_STEP = 0.4
 """A step counts where it leaves less than this share of the angles or of the places (RMS)."""
+AS_WELL = 0.1
+"""A change of the other pose explains it as well where it leaves a sum of squares greater by less than this share."""
 ROUNDS = 2
 """Each weighs angles and places by what the step of the one before leaves."""
 UNDETERMINED = 1e-12
 """What poses before or after alone turn about one axis leaves some changes open: these take nothing."""
 OF_OTS, OF_M = slice(0, 6), slice(6, 12)
-"""Which of the constant unknowns are those of R from OTS, and of M from TCP."""
+"""Which of the unknowns are those of R from OTS, and of M from TCP; the others are drifts."""
 
 
 class Step(NamedTuple):
     """From pose ``first`` on robot and tracker, or M and TCP, stand otherwise to each other than before."""
 
     first: int
-    of_tool: bool
+    of_tool: bool | None
+    """Whether M and TCP do; None where the poses do not tell, as where the arm hardly turned from there on."""
 
     def told(self, frames: Sequence[int]) -> str:
         """Say from which of ``frames`` (N,) on, and what may have happened."""
         if self.of_tool:
             said = "M stands otherwise on the tool than before, as if the tool or its marker slipped"
+        elif self.of_tool is None:
+            said = "tool, base or tracker stands otherwise than before; these poses do not tell which"
         else:
             said = "robot and tracker stand otherwise to each other than before, as if base or tracker were moved"
         return f"from frame {frames[self.first]} on {said}; fasten what is loose, and record anew"
@@ -51,7 +56,7 @@ class Step(NamedTuple):
 def step_in(error: FloatArray, design: FloatArray) -> Step | None:
     """Return the step, if there is one, in poses of which ``error`` (N, 6), in rad and mm, is left.
 
-    ``design`` (N, 6, 12) is how it changes with R from OTS and M from TCP.
+    ``design`` (N, 6, 27) is how it changes with R from OTS, with M from TCP, and with drifts.
     """
     count = len(error)
     if count < FEWEST_FOR_A_STEP:
@@ -60,17 +65,24 @@ def step_in(error: FloatArray, design: FloatArray) -> Step | None:
     for _ in range(ROUNDS + 1):
         sds = np.maximum(sds, np.repeat(FINEST, 3))
         columns, observed = design / sds[:, None], error / sds
-        step = _likeliest(observed, columns)
-        later = columns[:, :, OF_M if step.of_tool else OF_OTS].copy()
-        later[: step.first] = 0
-        with_step = sds * _left(observed, np.concatenate([columns, later], axis=2))
-        without = sds * _left(observed, columns)
-        sds = _per_kind(with_step)
-    return step if (sds < LEFT_BY_A_STEP * _per_kind(without)).any() else None
+        constants = columns[..., : OF_M.stop]
+        first, of_tool, sure = _likeliest(observed, constants)
+        later = constants[..., OF_M if of_tool else OF_OTS].copy()
+        later[:first] = 0
+        stepped, still, drifting = (
+            _left(observed, one) for one in (np.concatenate([constants, later], axis=2), constants, columns)
+        )
+        before, sds = sds * _per_kind(still), sds * _per_kind(stepped)
+    if (sds < LEFT_BY_A_STEP * before).any() and (stepped**2).sum() < (drifting**2).sum():
+        return Step(first, of_tool if sure else None)
+    return None
 
 
-def _likeliest(observed: FloatArray, design: FloatArray) -> Step:
-    """Return the step that takes most from the sum of squares, by the normal equations of all poses from each on."""
+def _likeliest(observed: FloatArray, design: FloatArray) -> tuple[int, bool, bool]:
+    """Return the step that takes most from the sum of squares: its pose, whether it is M's, and whether that is sure.
+
+    It is found by the normal equations of all poses from each on.
+    """
     normal = np.cumsum(np.einsum("nci,ncj->nij", design, design)[::-1], axis=0)[::-1]
     score = np.cumsum(np.einsum("nci,nc->ni", design, observed)[::-1], axis=0)[::-1]
     all_of_it, at_all = np.linalg.inv(normal[0]), score[0]
@@ -83,7 +95,8 @@ def _likeliest(observed: FloatArray, design: FloatArray) -> Step:
         inverse = np.linalg.pinv(own, rcond=UNDETERMINED, hermitian=True)
         gains.append(np.einsum("ka,kab,kb->k", open_, inverse, open_))
     of_tool, first = np.unravel_index(np.argmax(gains), (2, len(gains[0])))
-    return Step(int(first) + SHORTEST, bool(of_tool))
+    sure = np.ptp(np.max(gains, axis=1)) > AS_WELL * observed.size  # which is about what it leaves
+    return int(first) + SHORTEST, bool(of_tool), bool(sure)
 
 
 def _left(observed: FloatArray, design: FloatArray) -> FloatArray:

@@ -49,15 +49,51 @@ def test_noise_and_drift_are_no_movement(walks: bool) -> None:
         assert calibrate_hand_eye(seen, driven).step is None
 
 
+def poses_of(rotations: np.ndarray, places_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Exact poses of tracker and robot, whose TCP is turned by ``rotations`` (N, 3, 3)."""
+    _, _, m_from_tcp, robot_from_ots = hand_eye_poses(1, 4, 0.0, 0.0)
+    driven = rigid(rotations, places_mm)
+    return invert(robot_from_ots) @ driven @ invert(m_from_tcp), driven
+
+
+def test_drift_while_one_axis_is_turned_after_the_other_is_no_movement() -> None:
+    """A step left less than 0.4 of it in every second recording, as either half tells only a part of the poses."""
+    turns = np.zeros((40, 3))
+    turns[:20, 0] = turns[20:, 1] = np.linspace(-0.6, 0.6, 20)
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        seen, driven = poses_of(exponential(turns), 200 * rng.normal(size=(40, 3)))
+        drift = np.linspace(-1, 1, 40)[:, None] * rng.normal(size=6) + rng.normal(size=(40, 6)) / 16
+        seen = seen @ rigid(exponential(np.radians(drift[:, :3])), 4 * drift[:, 3:])
+        assert calibrate_hand_eye(seen, driven).step is None
+
+
+@pytest.mark.parametrize("of_tool", [False, True])
+def test_which_of_both_moved_is_not_guessed_where_the_arm_then_rests(of_tool: bool) -> None:
+    """Every fourth such movement was told to be of the other."""
+    rng = np.random.default_rng(5)
+    turns = 0.5 * rng.normal(size=(40, 3))
+    turns[20:] = turns[20] + 0.005 * rng.normal(size=(20, 3))
+    places_mm = 200 * rng.normal(size=(40, 3))
+    places_mm[20:] = places_mm[20]
+    for _ in range(5):
+        seen, driven = poses_of(exponential(turns), places_mm)
+        if of_tool:
+            seen[20:] = seen[20:] @ SLIPPED
+        else:
+            seen[20:, :3, 3] += (3.0, 0, 2)
+        seen = seen @ rigid(exponential(1e-3 * rng.normal(size=(40, 3))), 0.2 * rng.normal(size=(40, 3)))
+        found = calibrate_hand_eye(seen, driven).step
+        assert found == Step(20, of_tool=None)
+    assert "from frame 20 on tool, base or tracker stands otherwise" in Step(20, of_tool=None).told(range(40))
+
+
 def test_flange_turned_in_two_postures_of_the_arm_is_no_movement() -> None:
     """The poses of either leave open by what R from OTS would have changed between the two."""
     rng, turns = np.random.default_rng(3), np.zeros((40, 3))
     turns[:, 0] = np.tile(np.linspace(-0.6, 0.6, 20), 2)
     postures = exponential(np.array([[0, 0, 0], [0, 0.7, 0]]))
-    rotations = np.repeat(postures, 20, axis=0) @ exponential(turns)
-    _, _, m_from_tcp, robot_from_ots = hand_eye_poses(1, 4, 0.0, 0.0)
-    driven = rigid(rotations, 200 * rng.normal(size=(40, 3)))
-    seen = invert(robot_from_ots) @ driven @ invert(m_from_tcp)
+    seen, driven = poses_of(np.repeat(postures, 20, axis=0) @ exponential(turns), 200 * rng.normal(size=(40, 3)))
     for noise_mm in (0.0, 0.2):
         seen[:, :3, 3] += noise_mm * rng.normal(size=(40, 3))
         assert calibrate_hand_eye(seen, driven).step is None
