@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import unicodedata
+from collections import Counter
 from collections.abc import Iterable, Sequence
 
 NOTICE = "Research software, not a medical device."
@@ -103,6 +104,19 @@ def abridged(name: str, longest: int = LONGEST_LISTED) -> str:
     return name if len(name) <= longest else f"{name[: longest // 2]}\u2026{name[-(longest // 2) :]}"
 
 
+def told_apart(names: Iterable[str], longest: int = LONGEST_LISTED) -> dict[str, str]:
+    """Return each of some names `abridged`, by the name; those that would read alike then stay whole.
+
+    >>> list(told_apart(["left lead", "right lead"], longest=8).values())
+    ['left\u2026lead', 'righ\u2026lead']
+    >>> list(told_apart(["lead left end", "lead right end"], longest=6).values())
+    ['lead left end', 'lead right end']
+    """
+    shown = {name: abridged(name, longest) for name in names}
+    alike = Counter(shown.values())
+    return {name: short if alike[short] == 1 else name for name, short in shown.items()}
+
+
 def counted(number: int, noun: str) -> str:
     """Return so many of a thing, which has an s where they are several.
 
@@ -127,7 +141,7 @@ def listed(names: Iterable[str], most: int = 10) -> str:
     >>> listed(["left", "right"]), listed([]), listed("abc", most=2)
     ('left, right', 'none', 'a, b and 1 more')
     """
-    shown = [printable(name, LONGEST_LISTED) for name in names]
+    shown = [printable(abridged(name)) for name in names]
     more = f" and {len(shown) - most} more" if len(shown) > most else ""
     return f"{', '.join(shown[:most])}{more}" or "none"
 

@@ -123,7 +123,8 @@ def run_markers(arguments: argparse.Namespace) -> int:
     )
     around = Surroundings(Terrain(volume), Rules(sigma_ct_mm=arguments.sigma_ct, sigma_ots_mm=arguments.sigma_ots))
     placed = around.place_markers(plan, arguments.count, rules, targets)
-    warn(*around.doubts, *([placed.doubt] if placed.doubt else []))
+    low = [f"{placed.doubt}, or leave out what lies lower than you want (--lowest Z)"] if placed.doubt else []
+    warn(*around.doubts, *low)
     print(f"{placement_table(placed, names)}\n{placement_sentence(placed)}")
     if arguments.output:
         write_atomically(arguments.output, placement_markups(placed))

@@ -7,6 +7,7 @@ import argparse
 from ronnaplan.cli.output import tell
 from ronnaplan.cli.peers import PEER, peer_of, with_config
 from ronnaplan.cli.values import whole
+from ronnaplan.text import counted
 
 HELP = "Fetch studies from an archive (C-FIND with C-GET or C-MOVE, or DICOMweb) into a folder or straight to localize."
 
@@ -54,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
         folder = arguments.output or made
         then = None if arguments.localize is None else parse(["localize", folder, *arguments.localize])
         count = _fetch(arguments, folder)
-        tell(f"{count} instances" + ("" if arguments.output is None else f" in {folder}"))
+        tell(counted(count, "instance") + ("" if arguments.output is None else f" in {folder}"))
         return 0 if then is None else int(then.run(then))
 
 

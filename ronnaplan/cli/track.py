@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from ronnaplan.cli.case_options import with_server, with_sigma_ots
 from ronnaplan.cli.output import ended_gently, tell, warn
 from ronnaplan.cli.values import seconds
+from ronnaplan.text import counted
 
 if TYPE_CHECKING:
     from ronnaplan.documents.registration import RegistrationDocument
@@ -55,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     warn(*recording.notes)
     flagged = recording.flagged()
     for reason, count in list(flagged.items())[:MOST_TOLD]:
-        tell(f"ronnaplan: {count} readings flagged: {reason}")
+        tell(f"ronnaplan: {counted(count, 'reading')} flagged: {reason}")
     if len(flagged) > MOST_TOLD:
         tell(f"ronnaplan: readings flagged for {len(flagged) - MOST_TOLD} more reasons")
     if registered is not None:
@@ -69,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     for marker in found.markers[:MOST_TOLD]:
         x, y, z = marker.position_mm
         doubts = "".join(f"; {flag}" for flag in marker.flags)
-        tell(f"{marker.label:<12} {x:9.2f} {y:9.2f} {z:9.2f}  {marker.readings} readings{doubts}")
+        tell(f"{marker.label:<12} {x:9.2f} {y:9.2f} {z:9.2f}  {counted(marker.readings, 'reading')}{doubts}")
     if len(found.markers) > MOST_TOLD:
         tell(f"and {len(found.markers) - MOST_TOLD} more")
     return 0

@@ -211,7 +211,7 @@ def _find(order: Order, scratch: Scratch) -> tuple[CTVolume, Fiducials]:
     found = find_markers(volume, rule, template)
     require_count(found, rule.expected)
     if not len(found):
-        raise RefusedError(f"no marker was found; {len(found.rejected)} candidates were rejected")
+        raise RefusedError(f"no marker was found; {counted(len(found.rejected), 'candidate')} rejected")
     return volume, found
 
 

@@ -140,6 +140,7 @@ class PlannerApp:
             tracker=self.tracker,
             measured=self.judging.is_done,
             cancel=self.working.cancel,
+            idle=self.working.is_idle,
             others=self._draw_others,
         )
         found = self.state.case.fiducials

@@ -25,6 +25,7 @@ from ronnaplan.planning.rows import (
     shape_rows,
     verdict_sentence,
 )
+from ronnaplan.text import counted, told_apart
 
 MOST_RIVALS = 4
 """Pairings shown beside each other."""
@@ -128,8 +129,8 @@ def _spoken(name: str, judged: Judgement) -> str:
     if not judged.verdicts:
         return ""
     broken = ", ".join(verdict.measure for verdict in judged.broken)
-    kept = f"breaks {len(judged.broken)} of {len(judged.verdicts)} limits: {broken}"
-    kept = kept if broken else f"keeps all {len(judged.verdicts)} limits"
+    limits = counted(len(judged.verdicts), "limit")
+    kept = f"breaks {len(judged.broken)} of {limits}: {broken}" if broken else f"keeps {limits}"
     return "; ".join([f"{name} {kept}", *judged.doubts])
 
 
@@ -140,6 +141,8 @@ def registration_panel(state: PlannerState) -> dict[str, Any]:
         return {"status": ""}
     if state.case.outdated:
         return {"status": "outdated", "summary": f"outdated: {state.case.outdated}"}
+    errors = state.registering.expected_errors_mm()
+    shown = told_apart(errors)
     fre = "" if found.fre_rms is None else f"FRE {found.fre_rms:.3f} mm RMS, probability {found.probability:.6f}"
     return {
         "status": found.status,
@@ -150,7 +153,7 @@ def registration_panel(state: PlannerState) -> dict[str, Any]:
             for rival in found.rivals
         ],
         "basis": str(state.case.surroundings.expected.registered or ""),
-        "errors": [(name, f"{error:.3f}") for name, error in state.registering.expected_errors_mm().items()],
+        "errors": [(shown[name], f"{error:.3f}") for name, error in errors.items()],
         "doubts": [*found.notes, *found.doubts],
     }
 

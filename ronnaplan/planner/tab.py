@@ -20,6 +20,7 @@ from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.shown import OWN, Send, Shown
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.worker import CancelledError
+from ronnaplan.planner.working import BusyError
 
 FOLLOW_S = 0.15
 """While an end is dragged, measures and 3-D view follow after so long: the hand is followed at once."""
@@ -57,6 +58,7 @@ class Tab:
         tracker: tuple[str, int] | None = None,
         measured: Callable[[], bool] = lambda: True,
         cancel: Callable[[], None] = lambda: None,
+        idle: Callable[[], bool] = lambda: True,
         others: Callable[[Tab], None] = lambda _: None,
     ) -> None:
         self.state, self.shown, self.head = state, Shown(send), HeadView(state)
@@ -65,6 +67,8 @@ class Tab:
         self._others = others
         self._following: asyncio.Task[None] | None = None
         self._keeping: asyncio.TimerHandle | None = None
+        self._idle, self._waits = idle, False
+        """Whether no job is under way, and whether what was told last is that one is."""
         self.unkept: RonnaplanError | None = None
         """Why where one looks could not be kept, None where it was."""
         self._keys = key_actions(state, self.pointer)
@@ -107,7 +111,9 @@ class Tab:
         self.refresh()
 
     def refresh(self) -> None:
-        """Draw whatever is not as the page has it."""
+        """Draw whatever is not as the page has it; what had to wait for a job need not once that has ended."""
+        if self._waits and self._idle():
+            self.shown["message"], self._waits = "", False
         self.painter.refresh()
         self.shown.flush()
 
@@ -251,5 +257,6 @@ class Tab:
 
     def refuse(self, error: RonnaplanError) -> None:
         """Tell what went wrong."""
+        self._waits = isinstance(error, BusyError)
         self.shown["message"] = str(error)
         self.shown["refusals"] += 1

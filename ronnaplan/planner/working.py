@@ -21,6 +21,10 @@ AGAIN_S: Final = 1.0
 IDLE: Final = {"what": "", "done": "", "share": 0.0, "seconds": 0}
 
 
+class BusyError(UsageError):
+    """What was asked for has to wait for a job, with which this goes away."""
+
+
 class Working:
     """Has jobs done by a `Worker` while the page goes on.
 
@@ -43,16 +47,20 @@ class Working:
         """Whether an answer is not to be written any more."""
 
     def start(self, job: Job) -> None:
-        """Set a job going; raises `UsageError` while another one is under way."""
+        """Set a job going; raises `BusyError` while another one is under way."""
         self.require_idle()
         self._share = 0.0
         self._tell({**IDLE, "what": job.what})
         self._task = asyncio.get_running_loop().create_task(self._work(job))
 
+    def is_idle(self) -> bool:
+        """Return whether no job is under way."""
+        return self._task is None
+
     def require_idle(self) -> None:
-        """Raise `UsageError` while a job is under way."""
-        if self._task is not None:
-            raise UsageError(f"the planner is {self.told['what']}; wait for that, or cancel it first")
+        """Raise `BusyError` while a job is under way."""
+        if not self.is_idle():
+            raise BusyError(f"the planner is {self.told['what']}; wait for that, or cancel it first")
 
     def cancel(self) -> None:
         """End the job that is under way."""

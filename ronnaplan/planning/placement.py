@@ -122,7 +122,7 @@ def _low_doubt(scalp_mm: FloatArray, inside_mm: FloatArray) -> str | None:
         return None
     return (
         f"below the middle of the head as it is scanned (z {inside_mm[2]:.0f} mm), and so perhaps on face or neck: "
-        f"{listed(low)}; look at them, or leave out what lies lower than you want (plan markers --lowest Z)"
+        f"{listed(low)}; look at them"
     )
 
 

@@ -18,7 +18,7 @@ from ronnaplan.planning.changes import Change, Item, exchanged, same
 from ronnaplan.planning.landmarks import Landmarks
 from ronnaplan.planning.rulers import Ruler
 from ronnaplan.planning.trajectory import Trajectory, next_colour
-from ronnaplan.text import as_read, listed
+from ronnaplan.text import as_read, counted, listed
 
 if TYPE_CHECKING:
     from ronnaplan.figures import Picture
@@ -57,7 +57,7 @@ class Plan(Shown[Trajectory]):
 
     def _headline(self) -> str:
         names = ", ".join(one.name for one in self) or "no trajectory"
-        return f"{names}; {len(self.history)} changes"
+        return f"{names}; {counted(len(self.history), 'change')}"
 
     def _columns(self) -> Mapping[str, Sequence[object]]:
         return {

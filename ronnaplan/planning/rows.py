@@ -125,9 +125,9 @@ def value_and_limit(one: Verdict) -> tuple[str, str]:
     """
     if one.value is None or one.limit is None:
         return number(one.value), number(one.limit)
-    digits, order = 2, _order(one.value, one.limit, MOST_DIGITS)
+    digits, order, stated = 2, _order(one.value, one.limit, MOST_DIGITS), round(one.limit, MOST_DIGITS)
     while digits < MOST_DIGITS and (
-        _order(one.value, one.limit, digits) != order or round(one.limit, digits) != one.limit
+        _order(one.value, one.limit, digits) != order or round(one.limit, digits) != stated
     ):
         digits += 1
     value = number(one.value, digits)

@@ -20,7 +20,7 @@ from ronnaplan.scene.names import Names, Room
 from ronnaplan.scene.picture import Shades
 from ronnaplan.scene.things import REJECTED, Thing
 from ronnaplan.scene.vtk import Workshop
-from ronnaplan.text import abridged, isolated
+from ronnaplan.text import isolated, told_apart
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -84,7 +84,11 @@ def overview_part(case: Case, seen: View | None, *, turns: bool) -> Part:
     """Show the head with all trajectories (to be turned, where the page ``turns`` it) and each one in a line."""
     body = [] if seen is None else [_head(seen, turns=turns)]
     if case.plan is not None and case.volume is not None and case.plan.trajectories:
-        rows = [_row(case, case.surroundings.judge(one, case.plan), one.name) for one in case.plan.trajectories]
+        shown = told_apart(one.name for one in case.plan.trajectories)
+        rows = [
+            _row(case.surroundings.judge(one, case.plan), shown[one.name], one.length_mm)
+            for one in case.plan.trajectories
+        ]
         body.append(table(HEADER, [UNITS, *rows]))
         if case.plan.landmarks is not None:
             body.append(element("p", frame_sentence(case.plan.landmarks), "note"))
@@ -106,12 +110,10 @@ def _head(seen: View, *, turns: bool) -> str:
     return f'<figure>{shown}<figcaption><span id="how"></span>{caption}</figcaption></figure>'
 
 
-def _row(case: Case, judged: Judgement, name: str) -> list[str]:
-    assert case.plan is not None
-    length = number(case.plan.trajectory(name).length_mm, 1)
+def _row(judged: Judgement, name: str, length_mm: float) -> list[str]:
     return [
-        isolated(abridged(name)),
-        length,
+        isolated(name),
+        number(length_mm, 1),
         *_angles(judged.measures),
         *_errors(judged.measures),
         _verdict(judged),

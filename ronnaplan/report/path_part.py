@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from ronnaplan.case.folder import Case
 from ronnaplan.ct import CTVolume
@@ -22,7 +22,7 @@ from ronnaplan.planning.rows import (
 from ronnaplan.report.html import element, picture, table, unseen
 from ronnaplan.report.part import Part
 from ronnaplan.report.path_cuts import path_picture
-from ronnaplan.text import abridged, isolated
+from ronnaplan.text import abridged, isolated, told_apart
 
 STYLE = """
 .beside { display: flex; flex-wrap: wrap; gap: 0 2.5rem; align-items: start } .beside p { max-width: 26rem }
@@ -89,15 +89,20 @@ def _measured(volume: CTVolume, one: Measures, verdicts: Sequence[Verdict]) -> l
     distances = [] if verdicts else distance_rows(one)  # every verdict tells its distance
     beside = table([], [*_path(one.trajectory), *shape_rows(one), *distances]) + _errors(one)
     if judged:
-        beside += f'<div class="limits">{table(VERDICTS, map(_verdict, judged))}</div>'
+        beside += f'<div class="limits">{table(VERDICTS, _judged(judged))}</div>'
     if one.contacts:
-        beside += f'<div class="contacts">{table(CONTACTS, map(_contact, one.contacts))}</div>'
+        beside += f'<div class="contacts">{table(CONTACTS, _contacts(one.contacts))}</div>'
     return [drawn, f'<div class="beside">{beside}</div>']
 
 
-def _contact(one: ContactMeasures) -> list[str]:
+def _contacts(contacts: Sequence[ContactMeasures]) -> list[list[str]]:
+    shown = told_apart(near.name for one in contacts for near in one.clearances)
+    return [_contact(one, shown) for one in contacts]
+
+
+def _contact(one: ContactMeasures, shown: Mapping[str, str]) -> list[str]:
     nearest = min(one.clearances, key=lambda near: near.at_least_mm, default=None)
-    told = "-" if nearest is None else f"{nearest.clearance_mm:.2f} to {isolated(abridged(nearest.name))}"
+    told = "-" if nearest is None else f"{nearest.clearance_mm:.2f} to {isolated(shown[nearest.name])}"
     inside = {True: "yes", False: "no", None: "-"}[one.inside]
     return [str(one.number), coordinates(one.center_mm), f"{one.depth_mm:.2f}", inside, told]
 
@@ -134,10 +139,15 @@ def _path(path: Trajectory) -> Rows:
     ]
 
 
-def _verdict(one: Verdict) -> list[str]:
+def _judged(verdicts: Sequence[Verdict]) -> list[list[str]]:
+    shown = told_apart(one.measure for one in verdicts)
+    return [_verdict(one, shown[one.measure]) for one in verdicts]
+
+
+def _verdict(one: Verdict, measure: str) -> list[str]:
     value, limit = value_and_limit(one)
     return [
-        abridged(one.measure),
+        measure,
         value,
         f"{limit} {one.unit}".rstrip(),
         "pass" if one.passes else "FAIL",

@@ -10,7 +10,7 @@ from ronnaplan.documents.registration_text import FRE_WARNING
 from ronnaplan.planning.rows import number
 from ronnaplan.report.html import element, table
 from ronnaplan.report.part import Part
-from ronnaplan.text import abridged
+from ronnaplan.text import told_apart
 
 TITLE = "Registration"
 
@@ -37,7 +37,8 @@ def _expected_errors(case: Case) -> list[str]:
     errors = errors_at_ends_mm(case.expected, case.registration, case.plan)
     if not errors:
         return []
-    rows = [(abridged(name), f"{error:.3f}") for name, error in errors.items()]
+    shown = told_apart(errors)
+    rows = [(shown[name], f"{error:.3f}") for name, error in errors.items()]
     return [
         element("h3", "Expected error"),
         element("p", str(case.expected.registered)),

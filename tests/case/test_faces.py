@@ -259,6 +259,8 @@ def test_a_limit_is_written_as_it_was_stated() -> None:
     """One of 0.485 was told as 0.48, and one of 0.996 as 1.00."""
     for value, limit, told in ((0.487, 0.485, ("0.487", "0.485")), (0.991, 0.996, ("0.991", "0.996"))):
         assert value_and_limit(Verdict("T", "error", value, "mm", limit, passes=False)) == told
+    summed = Verdict("T", "error", 0.31, "mm", 0.1 + 0.2, passes=False)
+    assert value_and_limit(summed) == ("0.31", "0.30"), "a sum's last binary digit is nobody's statement"
 
 
 BAD = (

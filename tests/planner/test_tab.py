@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 
 from ronnaplan.case.surroundings import Surroundings
+from ronnaplan.errors import UsageError
 from ronnaplan.planner.app import PlannerApp
 from ronnaplan.planner.shown import Shown
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.tab import FOLLOW_S, Tab
+from ronnaplan.planner.working import BusyError
 from tests import cases
 from tests.loops import run
 from tests.planner.conftest import reopened
@@ -68,6 +70,19 @@ def test_a_page_that_was_only_opened_writes_nothing_into_the_case(state: Planner
     before = sorted(state.storage.plan.parent.iterdir())
     run(use())
     assert sorted(state.storage.plan.parent.iterdir()) == before
+
+
+def test_that_a_job_is_waited_for_is_told_until_it_ends_and_another_refusal_stays(state: PlannerState) -> None:
+    working = [True]
+    tab = Tab(state, idle=lambda: not working[0])
+    for error, left in ((BusyError("wait for that"), ""), (UsageError("there is no such view"),) * 2):
+        working[0] = True
+        tab.refuse(error)
+        tab.refresh()
+        assert tab.shown["message"] == str(error)
+        working[0] = False
+        tab.refresh()
+        assert tab.shown["message"] == str(left)
 
 
 def test_a_drag_of_one_page_is_let_go_before_another_page_changes_something(state: PlannerState) -> None:

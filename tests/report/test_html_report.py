@@ -283,6 +283,18 @@ def test_names_of_many_letters_take_no_more_pages_and_stand_whole_above_their_me
     assert f'<td class="long">{"W" * 30}\u2026{"W" * 29}2</td>' in report
 
 
+@pytest.mark.usefixtures("undrawn")
+def test_long_names_alike_at_both_ends_are_told_apart_in_every_table(case: Case) -> None:
+    """By beginning and end alone, two rows of the overview and of the expected errors were called the same."""
+    assert case.plan is not None
+    left, names = case.plan.trajectory("left"), ["W" * 150 + n + "W" * 149 for n in "12"]
+    paths = (left, *(replace(left, name=name, entry_mm=left.entry_mm + n) for n, name in enumerate(names, 1)))
+    report = quality_report(replace(case, plan=replace(case.plan, trajectories=paths)))
+    for name in names:
+        for cell in (name, f"{name} entry", f"{name} target", f"distance to {name}"):
+            assert re.search(rf"<t[dh][^>]*>{cell}</t[dh]>", report), cell[:20]
+
+
 def test_a_path_with_many_limits_and_contacts_takes_one_page(case: Case, printed: bytes) -> None:
     assert case.plan is not None
     chosen = case.plan.edit("left", electrode=ELECTRODES["Medtronic 3387"])
