@@ -28,7 +28,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--expected",
         type=whole(3),
         metavar="N",
-        help="the number of markers in both; a few less are given and named, more are refused",
+        help="the number of markers that both should hold; where a few are missing the others pair and that is told; "
+        "more are refused",
     )
     number.add_argument("--at-least", type=whole(3), metavar="N", help="the number of markers in both, or more")
     parser.add_argument("--plan", metavar="PLAN", help="predict the error at this plan's entries and targets")

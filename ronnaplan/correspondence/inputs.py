@@ -114,28 +114,24 @@ def check_probability(least_probability: float) -> None:
         raise InputError(f"least_probability is {least_probability}; expected a probability between 0.5 and 1")
 
 
-def checked_number(number: int | None, counts: tuple[int, int], meaning: str = "expected") -> int | None:
-    """Return a number of pairs that was told; raises `InputError` when the sets cannot hold it."""
+def checked_number(number: int | None, meaning: str = "expected") -> int | None:
+    """Return a number of pairs that was told; raises `InputError` when no sets can hold it."""
     if number is None:
         return None
     check_type(number, Real, f"the number of pairs that are {meaning}", "give a whole number")
-    if number % 1 != 0 or number < LEAST_PAIRS:
+    if number % 1 != 0 or not LEAST_PAIRS <= number <= MOST_POINTS:
         raise InputError(
-            f"{number} pairs are {meaning}; a registration needs a whole number of at least {LEAST_PAIRS}"
-        )
-    if number > min(counts):
-        raise InputError(
-            f"{number} pairs are {meaning} but the sets hold {counts[0]} CT and {counts[1]} OTS points; "
-            "find the missing markers or lower the number"
+            f"{number} pairs are {meaning}; a registration needs a whole number of at least {LEAST_PAIRS}, and "
+            f"{MOST_POINTS} at most"
         )
     return int(number)
 
 
-def checked_told(expected: int | None, at_least: int | None, counts: tuple[int, int]) -> Told:
+def checked_told(expected: int | None, at_least: int | None) -> Told:
     """Return what was told about the number of pairs; raises `InputError` when both or the impossible was."""
     if expected is not None and at_least is not None:
         raise InputError(f"{expected} pairs are expected and at least {at_least} as well; state only one of them")
-    return Told(checked_number(expected, counts), checked_number(at_least, counts, "the least"))
+    return Told(checked_number(expected), checked_number(at_least, "the least"))
 
 
 def checked_known(known_pairs: Iterable[tuple[int, int]], counts: tuple[int, int]) -> IntArray:

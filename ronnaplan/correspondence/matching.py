@@ -57,7 +57,7 @@ def match_points(
         (n, 3) and (m, 3) in mm, each in its own frame.
     expected
         The number of markers that both sets should hold; None: inferred.  It is evidence, not a fact: a few markers
-        less are given when these were knocked or misread (see `told.UNUSABLE_MARKER`), more are refused.
+        less are given when these were knocked, misread or missed (see `told.UNUSABLE_MARKER`), more are refused.
     sigma_ct_mm, sigma_ots_mm
         Standard deviations per axis, one for all points or one a point.
     covariances_ct_mm2, covariances_ots_mm2
@@ -83,7 +83,7 @@ def match_points(
     ------
     InputError
         For fewer than three points or more than 10,000, wrong shapes, NaN, units that cannot be mm, errors that are
-        not positive, an expected number that the sets cannot hold, or known pairs that name no points.
+        not positive, an expected number that is none of markers, or known pairs that name no points.
 
     """
     ct, ots = checked_points(ct_points, "CT points"), checked_points(ots_points, "OTS points")
@@ -94,7 +94,7 @@ def match_points(
         ots,
         checked_errors(sigma_ct_mm, covariances_ct_mm2, len(ct), "CT points"),
         checked_errors(sigma_ots_mm, covariances_ots_mm2, len(ots), "OTS points"),
-        checked_told(expected, at_least, counts),
+        checked_told(expected, at_least),
         checked_known(known_pairs, counts),
         filled_volume(ct, ots) if field_radius_mm is None else 4.0 / 3.0 * math.pi * field_radius_mm**3,
         spread_mm,

@@ -43,10 +43,15 @@ def match_by_similarity(
     ``unmatched``.  Raises `InputError` for unusable points, an impossible expected number or range of e.
     """
     ct, ots = checked_points(ct_points, "CT points"), checked_points(ots_points, "OTS points")
-    count = checked_number(expected, (len(ct), len(ots)))
+    count = checked_number(expected)
     if count is None:
         raise InputError(
             "no number of pairs is expected; the published algorithm needs it, so give a whole number"
+        )
+    if count > min(len(ct), len(ots)):
+        raise InputError(
+            f"{count} pairs are expected but the sets hold {len(ct)} CT and {len(ots)} OTS points; "
+            "find the missing markers or lower the number"
         )
     for name, number in (("e_start_mm", e_start_mm), ("e_stop_mm", e_stop_mm), ("e_step_mm", e_step_mm)):
         check_type(number, Real, name, "give a number")

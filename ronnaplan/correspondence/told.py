@@ -44,8 +44,11 @@ class Told:
 
     def _lost(self, size: int) -> float:
         """Return the probability that no more than ``size`` of the expected markers pair."""
-        count = self.expected or 0
-        return sum(binomial(count, left, 1.0 - UNUSABLE_MARKER) for left in range(size + 1))
+        return sum(self._usable(left) for left in range(size + 1))
+
+    def _usable(self, size: int) -> float:
+        """Return the probability that ``size`` of the expected markers pair."""
+        return binomial(self.expected or 0, size, 1.0 - UNUSABLE_MARKER)
 
     def __str__(self) -> str:
         return f"at least {self.at_least}" if self.expected is None else f"{self.expected}"
@@ -54,16 +57,16 @@ class Told:
         """Return the prior probability of each number of pairs in ``sizes``, and of 0: nothing pairs.
 
         Told nothing, that nothing pairs (another patient) is as probable as that anything does, and every number
-        is equally probable.  Of ``expected`` markers each fails to pair with `UNUSABLE_MARKER`, independently.
+        is equally probable.  Of ``expected`` markers each fails to pair with `UNUSABLE_MARKER`, independently.  What
+        the sets are too small for keeps its share, so the sum is less than 1: that markers are missing makes another
+        patient more probable.
         """
         if self.expected is None and self.at_least is None:
             return {0: 0.5} | dict.fromkeys(sizes, 0.5 / max(len(sizes), 1))
         likely = [size for size in sizes if self.believes(size)]
-        if self.expected is None:
-            share = dict.fromkeys(likely, 1.0)
-        else:
-            share = {size: binomial(self.expected, size, 1.0 - UNUSABLE_MARKER) for size in likely}
-        total = sum(share.values())
+        share = {size: 1.0 if self.expected is None else self._usable(size) for size in likely}
+        beyond = range(sizes.stop, (self.expected or 0) + 1)
+        total = sum(share.values()) + sum(self._usable(size) for size in beyond)
         rest = UNEXPECTED_PRIOR / max(len(sizes) - len(likely), 1)
         believed = {
             size: (1.0 - UNEXPECTED_PRIOR - OTHER_PATIENT) * value / total for size, value in share.items()
@@ -73,4 +76,6 @@ class Told:
 
 def binomial(count: int, successes: int, probability: float) -> float:
     """Return the probability of ``successes`` among ``count`` independent trials."""
-    return math.comb(count, successes) * probability**successes * (1.0 - probability) ** (count - successes)
+    failures = count - successes
+    ways = math.lgamma(count + 1) - math.lgamma(successes + 1) - math.lgamma(failures + 1)
+    return math.exp(ways + successes * math.log(probability) + failures * math.log1p(-probability))

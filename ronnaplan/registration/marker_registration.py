@@ -26,6 +26,8 @@ class MarkerRegistration:
     """None when the pairing was refused."""
     sigma_ct_mm: float
     """Standard deviation per axis that was added to every CT marker's own covariance."""
+    expected: int | None = None
+    """The number of markers that both should hold, if it was told."""
 
     def __repr__(self) -> str:
         return f"MarkerRegistration({self.pairing!r}, {self.registration!r})"
@@ -44,12 +46,17 @@ class MarkerRegistration:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Why markers were left out, and by how much the scan would have to be longer for the others to agree."""
+        """Why markers were left out, and by how much the scan would have to be longer for the others to agree.
+
+        Where fewer pair than are expected, how many: a marker that neither set holds is left out by nobody.
+        """
         moved, doubtful = (
             [(self.ct.labels[i], self.ots.labels[j]) for i, j in pairs]
             for pairs in (self.pairing.moved, self.pairing.doubtful)
         )
+        few = self.expected is not None and 0 < len(self.pairing.pairs) < self.expected
         return (
+            *((f"{len(self.pairing.pairs)} markers pair where {self.expected} are expected",) if few else ()),
             *(
                 f"marker {ct} and reading {ots} were left out: they lie side by side, as if the marker had moved"
                 for ct, ots in moved
@@ -110,7 +117,7 @@ def register_markers(
         known_pairs=[(_index(ct, a, "CT"), _index(ots, b, "tracker")) for a, b in known_pairs],
     )
     if pairing.status != "unique":
-        return MarkerRegistration(ct, ots, pairing, None, sigma_ct_mm)
+        return MarkerRegistration(ct, ots, pairing, None, sigma_ct_mm, expected)
     i, j = pairing.pairs.T
     registration = register_points(
         ct.positions_mm[i],
@@ -120,7 +127,7 @@ def register_markers(
         moving_frame=ct.frame,
         fixed_frame=ots.frame,
     )
-    return MarkerRegistration(ct, ots, pairing, registration, sigma_ct_mm)
+    return MarkerRegistration(ct, ots, pairing, registration, sigma_ct_mm, expected)
 
 
 def _told_stretch(registration: Registration | None) -> tuple[str, ...]:

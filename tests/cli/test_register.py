@@ -112,6 +112,20 @@ def test_readings_that_do_not_fit_are_refused_with_a_document(
     assert printed.err.count(json.loads(printed.out)["reason"]) == 1
 
 
+def test_a_number_that_the_readings_cannot_hold_is_evidence_like_any_other(
+    markers: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It exited with 1, as if the files were unusable, where a stray reading more let the same markers pair."""
+    arguments = ["register", str(markers), str(readings(tmp_path)), "--sigma-ct", "0.1"]
+    assert main([*arguments, "--expected", "6"]) == 0
+    assert "5 markers pair where 6 are expected" in capsys.readouterr().err
+    for number in (["--expected", "9"], ["--at-least", "6"]):
+        assert main([*arguments, *number]) == 3
+        printed = capsys.readouterr()
+        assert json.loads(printed.out)["status"] == "unmatched"
+        assert "5 pairs fit but" in printed.err
+
+
 def test_the_scans_own_markers_are_no_readings(
     markers: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

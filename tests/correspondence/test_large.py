@@ -92,6 +92,15 @@ def test_another_number_than_expected_is_refused() -> None:
     assert "50 are expected" in pairing.reason
 
 
+@pytest.mark.parametrize("told", [{"expected": 1100}, {"at_least": 41}])
+def test_more_markers_told_than_the_sets_hold_are_refused_by_how_many_pair(told: dict[str, Any]) -> None:
+    """More than 1,029 that were expected ended in an OverflowError."""
+    ct, ots, _ = cloud(4, 40, 0)
+    pairing = match_points(ct, ots, **told)
+    assert pairing.status == "unmatched"
+    assert f"40 pairs fit but {'at least 41' if 'at_least' in told else 1100} are expected" in pairing.reason
+
+
 def test_known_pairs_are_honoured() -> None:
     ct, ots, partner = cloud(5, 40, 20)
     assert match_points(ct, ots, known_pairs=[(0, int(partner[0]))]).status == "unique"

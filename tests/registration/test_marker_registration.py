@@ -84,6 +84,14 @@ def test_pairs_that_are_not_certain_enough_are_named() -> None:
     assert doubted.notes == ("marker F1 and reading 2 were left out: they fit, but not certainly enough",)
 
 
+def test_fewer_markers_than_expected_are_told() -> None:
+    """A marker that neither the scan nor the tracker shows stands in no list."""
+    ct, ots = scene.ct_points(), scene.readings(order=(0, 1, 2, 3))
+    ct = Points(ct.positions_mm[:4], ct.covariances_mm2[:4], ct.labels[:4], ct.frame)
+    assert register_markers(ct, ots, expected=5, sigma_ct_mm=0.1).notes == ("4 markers pair where 5 are expected",)
+    assert register_markers(ct, ots, expected=4, sigma_ct_mm=0.1).notes == ()
+
+
 def test_a_scan_whose_distances_are_wrong_is_told_by_how_much() -> None:
     ct = scene.ct_points()
     short = Points(0.985 * ct.positions_mm, ct.covariances_mm2, ct.labels, ct.frame)
