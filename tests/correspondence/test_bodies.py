@@ -88,6 +88,15 @@ def test_of_two_bodies_the_larger_is_the_patient_whichever_has_more_evidence(see
     assert min(rival.log_evidence_below for rival in answer.rivals) == 0.0
 
 
+@pytest.mark.parametrize("seed", [8, 17, 22])
+def test_a_larger_body_whose_errors_are_far_larger_is_not_given(seed: int) -> None:
+    """Chance would not make its residuals so much larger: size is for the one, evidence for the other."""
+    rng = np.random.default_rng(seed)
+    parts = [ball(rng, 20, 60.0), ball(rng, 26, 60.0)]
+    ct, ots, _ = apart(rng, parts, 10, 150.0, np.repeat([0.4, 1.4], [20, 26])[:, None])
+    assert match_points(ct, ots).status == "ambiguous"
+
+
 @pytest.mark.parametrize(("count", "seed"), [(4, 9), (4, 39), (4, 45), (6, 23), (6, 31)])
 def test_of_two_small_bodies_one_of_which_was_shifted_neither_is_given_alone(count: int, seed: int) -> None:
     """With errors four times as stated they are nearly one, and the half that was left out was asked for nothing."""
