@@ -159,7 +159,7 @@ def test_noise_that_neighbouring_octants_of_a_slice_share_is_stated() -> None:
     )
     ball = scan(balls([(1.0, 2.0, 3.0)], 5.0), around, noise_hu=0.0)
     noisy = (with_grain(ball, 15.0, 3, np.random.default_rng(seed)) for seed in range(24))
-    assert np.mean(small_ball_errors(ball, noisy)) / 3.0 < 1.4  # more by octants alone, or by 0.64 of both
+    assert np.mean(small_ball_errors(ball, noisy)) / 3.0 < 1.9  # 2.35 by octants alone
 
 
 def test_the_larger_of_two_covariances_is_no_smaller_than_either_in_any_direction() -> None:
