@@ -23,7 +23,7 @@ from ronnaplan.localization.fit.cells import cell_directions
 from ronnaplan.localization.fit.guess import margin_mm
 from ronnaplan.localization.fit.parameters import CENTER, CONTRAST, RADIUS, WIDTH
 from ronnaplan.localization.judge.part import HALF_A_BALL, fit_by_part, is_plain
-from ronnaplan.localization.judge.uncertainty import ADAPTED_SLICES, by_slices
+from ronnaplan.localization.judge.uncertainty import ADAPTED_SLICES, WEIGHTS, by_slices
 from ronnaplan.localization.search.look import metal_beyond
 
 LEAST_KEPT = 0.4
@@ -58,7 +58,7 @@ def without_the_screw(volume: CTVolume, fit: BallFit) -> BallFit:
     alone = fit_by_part(fit, around, np.ones(len(around.values_hu), dtype=np.bool_))
     if alone is None:
         return fit
-    noise_mm2 = HALF_A_BALL**2 * by_slices(alone)
+    noise_mm2 = HALF_A_BALL**2 * WEIGHTS["slices"] * by_slices(alone)
     believed = PRIOR @ inverse(PRIOR + noise_mm2)
     moved_mm = believed @ (alone.theta[CENTER] - fit.theta[CENTER])
     left_mm = STILL_CROSSED * moved_mm

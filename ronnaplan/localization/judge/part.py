@@ -10,7 +10,7 @@ from ronnaplan.localization.fit.descent import descend
 from ronnaplan.localization.fit.model import has_layer
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 
-HALF_A_BALL = 1.2
+HALF_A_BALL = 1.5
 """A part of a ball tells its center less well than its residuals say: by so much for a soft and a sharp kernel (113
 balls of glass and plastic on screws)."""
 

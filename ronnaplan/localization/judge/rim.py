@@ -21,7 +21,7 @@ from ronnaplan.localization.fit.cells import cell_directions, direction_cells
 from ronnaplan.localization.fit.directions import near_any
 from ronnaplan.localization.fit.parameters import CENTER, RADIUS
 from ronnaplan.localization.judge.part import HALF_A_BALL, fit_by_part, is_plain
-from ronnaplan.localization.judge.uncertainty import by_slices
+from ronnaplan.localization.judge.uncertainty import WEIGHTS, by_slices
 
 CLEAR_DEG = 35.0
 """Directions are clear of those that are left out where they are farther from them than this angle."""
@@ -70,8 +70,9 @@ def without_the_rim(fit: BallFit, diameter_mm: float) -> BallFit:
     off_mm, off_alone_mm = (abs(2.0 * float(one.theta[RADIUS]) - diameter_mm) for one in (fit, alone))
     if off_alone_mm > off_mm + LEAST_DRAWN_MM:
         return fit
-    told_mm2 = by_slices(alone)
-    if moved_mm @ inverse(HALF_A_BALL**2 * told_mm2) @ moved_mm < SURE**2:
+    told_mm2 = WEIGHTS["slices"] * by_slices(alone)
+    noise_mm2 = HALF_A_BALL**2 * told_mm2 + WEIGHTS["least"] * np.eye(3)
+    if moved_mm @ inverse(noise_mm2) @ moved_mm < SURE**2:
         return fit
     left_mm = STILL_DRAWN * moved_mm
     more_mm2 = (HALF_A_BALL**2 - 1.0) * told_mm2 + np.outer(left_mm, left_mm)

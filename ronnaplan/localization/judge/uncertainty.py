@@ -14,9 +14,8 @@ What all slices share, no residual along them shows: a head that moves, a panel 
 what displaces edges by the direction in which they face displaces the center (the first harmonic of that direction,
 which no fit tells from a ball elsewhere) about as much as it bends the outline (the odd harmonics from the third on,
 which no still ball has, see `judge.motion`). So these are stated as error, the marker's own and those
-usual in its scan. What a head that moves along a line in a turn adds to the third harmonic is as much as it moves the
-center from its mean place. The covariance is the sum of these sources, none of which has a weight of its own, and
-`scripts/fit_uncertainty` tells which weights would make the errors on simulated patients and real scans likeliest.
+usual in its scan. Slices that are not small beside the ball hide how its poles end. The covariance is the sum of these
+sources, each with one weight of `WEIGHTS`.
 """
 
 from __future__ import annotations
@@ -69,9 +68,11 @@ OCTANTS = 8
 PROFILE_SAMPLES = 129
 """A slice's profile is correlated with itself at so many places."""
 
-LEAST_MM = 0.0003
-"""Standard error along each axis that stays in any scan: without it, two of 36 balls in images of little noise are off
-by more than is stated (by 2 and 3 um)."""
+WEIGHTS = {"slices": 0.64, "odd": 1.0, "pole": 1.4e-6, "least": 0.31e-6}
+"""How much of each source is error. The first would be 1 if it were the whole truth, and independent; the last is in
+mm^2. Fitted by `scripts/fit_uncertainty` to the errors on simulated patients and on balls in real scans, and tested on
+scanners that were left out. But for ``odd``: what a head that moves along a line in a turn adds to the third harmonic
+is as much as it moves the center from its mean place."""
 
 FACE_PULL_MM = 0.01
 """Standard error along each axis of a ball that is embedded near a face: where rays run along the face, cells that see
@@ -119,7 +120,8 @@ def center_covariance(
     ``moved`` is what `motion.movement` finds, ``pull_mm2`` (3, 3) what `pulled_mm2` states, ``excess_mm`` the fitted
     minus the stated diameter.
     """
-    total = sum(sources(fit, moved).values(), (LEAST_MM**2 + hidden_shading_mm2(fit)) * np.eye(3))
+    total = sum((WEIGHTS[name] * source for name, source in sources(fit, moved).items()), np.zeros((3, 3)))
+    total += hidden_shading_mm2(fit) * np.eye(3)
     total += UNEVEN**2 / 3.0 * fit.center_by_layer @ fit.center_by_layer.T
     total += LAG_MM**2 * by_panel(fit.theta) * WITHIN
     if fit.by_part_mm2 is not None:
@@ -156,11 +158,19 @@ def near_faces_mm2(fit: BallFit) -> FloatArray:
 
 
 def sources(fit: BallFit, moved: Movement) -> dict[str, FloatArray]:
-    """What moves the center of every ball: covariances (3, 3) along u, v, w, in mm^2.
+    """What may move the center, by the names of `WEIGHTS`: covariances (3, 3) along u, v, w, in mm^2 or without a unit.
 
-    ``slices``: what the residuals of slices or their octants do to it; ``odd``: what bends its outline oddly.
+    ``slices``: what the residuals of slices or their octants do to it; ``odd``: what bends its outline oddly;
+    ``pole``: a profile whose shape the few slices of a small ball do not tell, by the depth of the ball's pole in a
+    slice; ``least``: what stays in any scan.
     """
-    return {"slices": by_slices(fit), "odd": np.diag(moved.odd_mm2)}
+    depth_mm = float(fit.theta[WIDTH]) ** 2 / float(fit.theta[RADIUS])
+    return {
+        "slices": by_slices(fit),
+        "odd": np.diag(moved.odd_mm2),
+        "pole": np.diag([0.0, 0.0, depth_mm**2]),
+        "least": np.eye(3),
+    }
 
 
 def hidden_shading_mm2(fit: BallFit) -> float:

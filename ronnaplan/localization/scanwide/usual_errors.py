@@ -9,7 +9,7 @@ import numpy as np
 from ronnaplan.geometry import SD_PER_DEVIATION, FloatArray
 from ronnaplan.localization.build import SIZE_TOLERANCE_MM
 from ronnaplan.localization.judge.motion import LEAST_TOGETHER, Movement
-from ronnaplan.localization.judge.uncertainty import LAG_MM, WITHIN, by_panel
+from ronnaplan.localization.judge.uncertainty import LAG_MM, WEIGHTS, WITHIN, by_panel
 
 MEDIAN_SHARE = 0.69
 """Median of a mean square of few normal values, as a share of its expectation (of two: ln 2)."""
@@ -44,7 +44,7 @@ def with_usual(covariance_mm2: FloatArray, moved: Movement, usual_mm2: FloatArra
 
     Two to four amplitudes a marker tell little alone. ``axes`` (3, 3) are u, v, w in LPS.
     """
-    change = (usual_mm2 - moved.odd_mm2) / 2.0
+    change = WEIGHTS["odd"] * (usual_mm2 - moved.odd_mm2) / 2.0
     pooled: FloatArray = covariance_mm2 + axes.T @ np.diag(change) @ axes
     return pooled
 

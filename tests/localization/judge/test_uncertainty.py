@@ -19,6 +19,7 @@ from ronnaplan.localization.build import Build
 from ronnaplan.localization.examine import fit_place
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.parameters import BLUR, RADIUS, SHAPE, WIDTH, profile_half_mm
+from ronnaplan.localization.judge import uncertainty
 from ronnaplan.localization.judge.blur import Edge
 from ronnaplan.localization.judge.motion import movement
 from ronnaplan.localization.judge.uncertainty import (
@@ -197,7 +198,7 @@ def test_an_outline_that_is_bent_oddly_adds_error_within_the_slices(quiet: CTVol
     fits = [fit_of(volume) for volume in (noisy, bent(noisy, "third cos", 0.02))]
     straight, curved = (np.sqrt(np.diag(center_covariance(fit, movement(Edge(fit))))) for fit in fits)
     # The mean square of four harmonics, one of which is 20 um.
-    assert np.allclose(curved[:2], 0.02 / 2, rtol=0.35)
+    assert np.allclose(curved[:2], 0.02 / 2 * np.sqrt(uncertainty.WEIGHTS["odd"]), rtol=0.35)
     assert curved[2] < 1.5 * straight[2]
 
 
@@ -210,7 +211,7 @@ def test_what_bends_the_other_markers_of_a_scan_counts_in_each_of_them(quiet: CT
     own = center_covariance(fit_of(noisy), straight)
     turned = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # u, v, w along y, z, x
     added = with_usual(own, straight, usual_mm2[0], turned) - own
-    expected = (curved.odd_mm2 / MEDIAN_SHARE - straight.odd_mm2) / 2
+    expected = uncertainty.WEIGHTS["odd"] * (curved.odd_mm2 / MEDIAN_SHARE - straight.odd_mm2) / 2
     assert np.allclose(added, turned.T @ np.diag(expected) @ turned)
 
 
