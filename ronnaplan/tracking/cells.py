@@ -21,7 +21,13 @@ NO_PLAIN_NUMBER = "a coordinate that is no plain number, such as -1234.5"
 NO_NUMBER = "no frame number"
 """Status of a pose of no numbered frame among numbered ones: it would be taken for another frame's."""
 STATUS_COLUMNS = ("status", "state")
+TRANSFORM_STATUS_COLUMNS = ("transformstatus", "transform_status")
+"""By NDI and PLUS."""
 TRUTH_COLUMNS = ("valid", "visible", "seen", "usable")
+SEEN_COLUMNS = frozenset({*STATUS_COLUMNS, *TRANSFORM_STATUS_COLUMNS, *TRUTH_COLUMNS})
+"""Columns that say whether a reading counts."""
+MEASURED = frozenset({"", "ok", "enabled", "valid", "partially_out_of_volume"})
+"""What the tracker says of a tool that it sees."""
 TRUE = frozenset({"true", "yes", "y", "t", "ok"})
 FALSE = frozenset({"0", "false", "no", "n", "f"})
 FORMULA = ("=", "+", "-", "@", "\t", "\r", "'")
@@ -72,10 +78,21 @@ def stated_status(row: Mapping[str, str]) -> str:
     ('not valid', "visible is 'falsch', neither yes nor no", 'ok')
     """
     said = [unescaped(row[name].strip()).lower() for name in STATUS_COLUMNS if row.get(name, "").strip()]
+    said += [tool_status(row.get(name, "")) for name in TRANSFORM_STATUS_COLUMNS]
     said += [
         _said_of_truth(name, row[name].strip().lower()) for name in TRUTH_COLUMNS if row.get(name, "").strip()
     ]
     return next((status for status in said if status != OK), OK)
+
+
+def tool_status(cell: str) -> str:
+    """Return what a tracker's ``cell`` says of a tool: `OK` where it is seen, or nothing is said.
+
+    >>> tool_status("Enabled"), tool_status("Out of volume")
+    ('ok', 'out_of_volume')
+    """
+    name = cell.strip().lower().replace(" ", "_")
+    return OK if name in MEASURED else name
 
 
 def _said_of_truth(name: str, word: str) -> str:

@@ -18,8 +18,7 @@ from ronnaplan.text import BLANKS, printable
 from ronnaplan.tracking.cells import (
     MISSING,
     NO_NUMBER,
-    STATUS_COLUMNS,
-    TRUTH_COLUMNS,
+    SEEN_COLUMNS,
     frame_number,
     number,
     place_status,
@@ -56,7 +55,7 @@ COLUMNS = (
 KNOWN_COLUMNS = frozenset(
     {
         *("kind", "frame", "time", "x", "y", "z", "sigma", "error"),
-        *(*QUATERNION_NAMES, *POINT_NAMES, *SYSTEM_COLUMNS, *STATUS_COLUMNS, *TRUTH_COLUMNS),
+        *(*QUATERNION_NAMES, *POINT_NAMES, *SYSTEM_COLUMNS, *SEEN_COLUMNS),
     }
 )
 LONGEST_FRAME_NAME = 64

@@ -73,6 +73,8 @@ class Stream:
         self._next: Message | None = None
         self._point_frames = 0
         self._tool_frames: Counter[str] = Counter()
+        self._told_by: dict[str, str] = {}
+        """Of each tool, the messages that told it first."""
 
     @property
     def pending(self) -> bool:
@@ -201,12 +203,19 @@ class Stream:
             raise ValueError(f"{len(content)} bytes")
         matrix = matrix_of(doubles(np.frombuffer(content, dtype=">f4")))
         tool = message.device
+        if not self._is_new(message, tool):
+            return
         self._add_pose(self._next_frame(tool), tool, matrix, message.time_s, status)
 
     def _take_tracked(self, message: Message, body: bytes) -> None:
-        told, found = message.metadata(body), tracked(message.kind, message.content(body), message.device)
+        told, content = message.metadata(body), message.content(body)
+        found = [
+            one
+            for one in tracked(message.kind, content, message.device)
+            if one.is_place or self._is_new(message, one.name)
+        ]
         # one moment's, where a tool was left out before, too
-        frame = max(self._tool_frames[one.name] for one in found)
+        frame = max((self._tool_frames[one.name] for one in found), default=0)
         for one in found:
             stated = pose_status(told, one.name)
             status = one.status if stated == OK else stated
@@ -234,9 +243,9 @@ class Stream:
             return
         for name, position, quaternion in positions(content):
             tool = name or message.device
-            self._add_pose(
-                self._next_frame(tool), tool, quaternion_pose(quaternion, position), message.time_s, stated
-            )
+            if self._is_new(message, tool):
+                pose = quaternion_pose(quaternion, position)
+                self._add_pose(self._next_frame(tool), tool, pose, message.time_s, stated)
 
     def _add_place(self, message: Message, label: str, place_mm: FloatArray, stated: str) -> None:
         """Take a tool's place (3,) that came without its rotation for a point: none is made up."""
@@ -244,6 +253,14 @@ class Stream:
         self.points.append(
             PointReading(self._point_frames, place_mm, label, message.time_s, None, status, message.device)
         )
+
+    def _is_new(self, message: Message, tool: str) -> bool:
+        """Whether a tool's reading is no second one of what messages of another kind, or device, tell of it."""
+        sender = f"{message.kind} messages of {message.device}"
+        first = self._told_by.setdefault(tool, sender)
+        if first != sender:
+            self._left_out[f"readings of {tool} in {sender} were left out: {first} tell of it, too"] += 1
+        return first == sender
 
     def _next_frame(self, tool: str) -> int:
         self._tool_frames[tool] += 1

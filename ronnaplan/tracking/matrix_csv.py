@@ -10,8 +10,7 @@ import numpy as np
 
 from ronnaplan.tracking.cells import (
     NO_NUMBER,
-    STATUS_COLUMNS,
-    TRUTH_COLUMNS,
+    SEEN_COLUMNS,
     frame_number,
     number,
     stated_status,
@@ -66,7 +65,7 @@ def read_matrices(path: Path) -> Recording:
         tools.append(reading)
         counts[tool] += 1
         roundings.add(excess)
-    known = {*names, *TOOL_NAMES, *SECONDS, *STATUS_COLUMNS, *TRUTH_COLUMNS, "frame"}
+    known = {*names, *TOOL_NAMES, *SECONDS, *SEEN_COLUMNS, "frame"}
     notes = (*roundings.notes, *passed_over(header, rows, known))
     return Recording(str(path), tools=tuple(tools), notes=notes, numbered=numbered)
 

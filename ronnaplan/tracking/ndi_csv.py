@@ -16,12 +16,14 @@ import numpy as np
 from ronnaplan.errors import InputError
 from ronnaplan.text import BLANKS
 from ronnaplan.tracking.cells import (
+    SEEN_COLUMNS,
     STATUS_COLUMNS,
     TRUTH_COLUMNS,
     frame_number,
     number,
     place_status,
     stated_status,
+    tool_status,
 )
 from ronnaplan.tracking.recording import OK, PointReading, Recording, ToolReading, quaternion_pose
 from ronnaplan.tracking.tables import passed_over, read_rows
@@ -31,17 +33,14 @@ ANGLES = frozenset({"rx", "ry", "rz"})
 ROTATION = ANGLES.union(QUATERNION)
 POSITION = ("tx", "ty", "tz")
 TOOLS = ("tool", "toolinfo", "tool_id", "tool_name", "name", "port", "porthandle", "toolhandle", "tool_handle")
-"""Columns that name the tool whose pose stands behind them; the nearest one counts."""
+"""Columns that name the tool whose pose stands behind them; the nearest one behind the pose before counts."""
 ONE_TOOL = (*TOOLS, "label", "marker")
 """Columns that name the tool of a row with one pose, where none stands before it; the first of these counts."""
-SEEN_COLUMNS = frozenset({"transformstatus", *STATUS_COLUMNS, *TRUTH_COLUMNS})
-"""Columns that say how a tool or marker is seen."""
 TIMES = ("timespec", "timestamp", "time")
 COUNTS = frozenset({"tools", "markers", "face"})
 KNOWN_COLUMNS = frozenset(
     {*ROTATION, *POSITION, *TOOLS, *SEEN_COLUMNS, *TIMES, *COUNTS, "timespec_ns", "frame", "error"}
 )
-FACE_STATES = frozenset({"ok", "enabled", "valid", "partially_out_of_volume"})
 
 
 @dataclass(frozen=True)
@@ -148,7 +147,7 @@ class _Row:
 
     def marker(self, column: int, tool: ToolReading | None, order: int) -> PointReading:
         position = np.array([self.value(column + k) for k in range(3)])
-        status = _status(self.text(column - 1))
+        status = tool_status(self.text(column - 1))
         if status == OK:
             status = place_status([self.text(column + k) for k in range(3)], position, self.delimiter)
         stray = tool is None or "stray" in tool.tool.lower()
@@ -161,13 +160,14 @@ def _layout(header: list[str]) -> _Layout:
     poses = [tx for tx in places if _told_by_quaternion(header, tx) or set(header[max(tx - 3, 0) : tx]) == ANGLES]
     markers = [tx for tx in places if tx not in poses]
     owners = [_owner(header, poses, start) for start in markers]
-    names = tuple(_name_column(header, tx, len(places) == 1) for tx in poses)
+    begins = [0, *(tx + 3 for tx in poses)]
+    names = tuple(_name_column(header, begins[k], tx, len(places) == 1) for k, tx in enumerate(poses))
     return _Layout(tuple(poses), names, tuple(zip(markers, owners, strict=True)), _seen(header, places, poses))
 
 
-def _name_column(header: list[str], tx: int, is_only_place: bool) -> int:
-    """Return the column that names the tool whose place begins at ``tx``, or -1."""
-    nearest = next((column for column in range(tx - 1, -1, -1) if header[column] in TOOLS), -1)
+def _name_column(header: list[str], begin: int, tx: int, is_only_place: bool) -> int:
+    """Return the column that names the tool whose place begins at ``tx``, or -1; those before ``begin`` name others."""
+    nearest = next((column for column in range(tx - 1, begin - 1, -1) if header[column] in TOOLS), -1)
     if nearest >= 0 or not is_only_place:
         return nearest
     return next((header.index(name) for name in ONE_TOOL if name in header), -1)
@@ -263,9 +263,4 @@ def _runs(header: list[str], names: tuple[str, ...]) -> list[int]:
 
 def _said(column: str, cell: str) -> str:
     """Return what a cell says of a tool: `OK` where it says nothing else."""
-    return stated_status({column: cell}) if column in TRUTH_COLUMNS else _status(cell)
-
-
-def _status(text: str) -> str:
-    name = text.strip().lower().replace(" ", "_")
-    return OK if name in FACE_STATES or name == "" else name
+    return stated_status({column: cell}) if column in TRUTH_COLUMNS else tool_status(cell)

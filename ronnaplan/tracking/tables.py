@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ronnaplan.errors import InputError
 from ronnaplan.text import printable
-from ronnaplan.tracking.cells import MISSING, STATUS_COLUMNS, number
+from ronnaplan.tracking.cells import MISSING, SEEN_COLUMNS, number
 from ronnaplan.untrusted import read_whole
 
 DELIMITERS = (",", ";", "\t")
@@ -32,7 +32,7 @@ POINT_NAMES = ("label", "name", "marker", "id")
 TOOL_NAMES = ("label", "name", "marker", "tool", "tool_name", "id")
 """Columns that name what a row tells of; the first one that it fills counts."""
 SYSTEM_COLUMNS = ("coordinate_system", "coordinates")
-OF_WORDS = frozenset({"kind", "frame", "notes", "description", *TOOL_NAMES, *SYSTEM_COLUMNS, *STATUS_COLUMNS})
+OF_WORDS = frozenset({"kind", "frame", "notes", "description", *TOOL_NAMES, *SYSTEM_COLUMNS, *SEEN_COLUMNS})
 """Columns of words, of which none is a unit: a frame may be called M."""
 SAME_COLUMNS = {"qw": "q0", "frame_number": "frame"}
 AXES = (

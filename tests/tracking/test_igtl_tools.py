@@ -95,6 +95,33 @@ def test_a_tool_that_is_frozen_is_flagged_though_others_of_its_message_move() ->
     assert all(one.usable for one in stream.tools if one.tool == "Probe")
 
 
+def test_what_two_messages_tell_of_a_tool_counts_once() -> None:
+    """PLUS sends TRANSFORM and TDATA of the same moment; frames that one of them counted paired other moments."""
+    stream = Stream(1.0)
+    for k in range(2):
+        for device, seed in ((b"Probe", 2 * k), (b"Head", 2 * k + 1)):
+            pose = struct.pack(">12f", *turned(seed)[:3].T.ravel())
+            stream.feed(named("TRANSFORM", device, pose, time_s=3 + k))
+        stream.feed(named("TDATA", b"T", tool_items([("Probe", 2, turned(2 * k))]), time_s=3 + k))
+    assert [(one.tool, one.frame) for one in stream.tools] == [
+        ("Probe", 0),
+        ("Head", 0),
+        ("Probe", 1),
+        ("Head", 1),
+    ]
+    assert stream.notes == [
+        "2 readings of Probe in TDATA messages of T were left out: TRANSFORM messages of Probe tell of it, too"
+    ]
+
+
+def test_a_tool_that_two_trackers_call_alike_is_that_of_the_first() -> None:
+    stream = stream_of(
+        *(named("TDATA", device, tool_items([("Probe", 2, turned(k))])) for k, device in enumerate([b"L", b"R"]))
+    )
+    assert len(stream.tools) == 1
+    assert "TDATA messages of R were left out" in stream.notes[0]
+
+
 @pytest.mark.parametrize("body", [b"", bytes(69), bytes(71)])
 def test_a_message_of_another_length_is_left_out_with_a_note(body: bytes) -> None:
     stream = stream_of(named("TDATA", b"T", body), named("QTDATA", b"T", struct.pack("51x")))

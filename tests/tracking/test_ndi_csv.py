@@ -96,6 +96,7 @@ def test_tools_in_rows_are_told_apart_by_their_names(tmp_path: Path) -> None:
     assert recording.numbered
 
 
+QUATERNION = "q0,qx,qy,qz,tx,ty,tz"
 POSE = "0.5,0.5,0.5,0.5,10,20,-1000"
 
 
@@ -140,6 +141,32 @@ def test_a_row_of_one_pose_names_its_tool_in_any_column_of_names(tmp_path: Path,
     rows = [cells.replace("POSE", POSE).format(name) for name in "AB"]
     text = "\n".join([header.replace("POSE", "q0,qx,qy,qz,tx,ty,tz"), *rows])
     assert read_recording(written(tmp_path, "own.csv", text)).tool_names == ("A", "B")
+
+
+def test_a_name_before_two_poses_is_that_of_the_first_alone(tmp_path: Path) -> None:
+    """Both were readings of one tool, in one frame."""
+    text = f"frame,tool,{QUATERNION},{QUATERNION}\n1,A,{POSE},{POSE}\n"
+    assert read_recording(written(tmp_path, "own.csv", text)).tool_names == ("A", "tool 2")
+
+
+@pytest.mark.parametrize(
+    "pose",
+    [
+        (QUATERNION, POSE),
+        ("q0,qx,qy,qz,x,y,z", POSE),
+        ("m00,m01,m02,m03,m10,m11,m12,m13,m20,m21,m22,m23", "0,-1,0,5,1,0,0,5,0,0,1,5"),
+    ],
+)
+@pytest.mark.parametrize("name", ["TransformStatus", "Transform Status"])
+def test_a_transform_status_counts_in_every_table_of_poses(
+    tmp_path: Path, pose: tuple[str, str], name: str
+) -> None:
+    """Where it stood beside x, y, z or a matrix the last pose of a hidden tool counted as a measured one."""
+    header, cells = pose
+    rows = (f"{said},{cells}" for said in ("INVALID", "Enabled", "OK", ""))
+    recording = read_recording(written(tmp_path, "own.csv", "\n".join([f"{name},{header}", *rows])))
+    assert [one.status for one in recording.tools] == ["invalid", "ok", "ok", "ok"]
+    assert recording.notes == ()
 
 
 def test_columns_that_are_not_read_are_told(tmp_path: Path) -> None:
