@@ -15,7 +15,9 @@ SIZE: Final = struct.Struct("<Q")
 def environment() -> dict[str, str]:
     """Return the environment in which another process finds this very package, wherever it is begun."""
     here = str(Path(__file__).resolve().parents[1])
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [here, os.environ.get("PYTHONPATH")]))}
+    paths = os.pathsep.join(filter(None, [here, os.environ.get("PYTHONPATH")]))
+    # -m would look in the folder where it is begun first, which may hold another copy of the source
+    return {**os.environ, "PYTHONPATH": paths, "PYTHONSAFEPATH": "1"}
 
 
 def send(stream: IO[bytes], thing: Any) -> None:

@@ -16,7 +16,7 @@ from ronnaplan.ct.slices import Fragment, PixelFormat
 _ITEM_HEADER: Final = struct.Struct("<HHL")
 _READ_AT_ONCE_BYTES: Final = 4 << 20
 _IMAGE_STARTS: Final = (b"\xff\xd8\xff", b"\xff\x4f\xff\x51")
-"""How JPEG and JPEG 2000 images begin, and no fragment that goes on with one can: their data hold no such markers."""
+"""How JPEG and JPEG 2000 images begin. JPEG data hold no such marker, those of JPEG 2000 by a chance of one in 2^32."""
 MOST_FRAGMENTS: Final = 1 << 16
 """More compressed fragments than this in one file are taken for damage."""
 
