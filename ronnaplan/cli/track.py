@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from ronnaplan.cli.case_options import with_server, with_sigma_ots
 from ronnaplan.cli.output import ended_gently, tell, warn
 from ronnaplan.cli.values import seconds
-from ronnaplan.text import counted
 
 if TYPE_CHECKING:
     from ronnaplan.documents.registration import RegistrationDocument
