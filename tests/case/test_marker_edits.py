@@ -43,7 +43,7 @@ def test_a_name_is_neither_empty_nor_used_twice() -> None:
 def test_of_many_markers_a_sentence_names_ten() -> None:
     one = cases.fiducials().fiducials[0]
     many = tuple(one.model_copy(update={"label": f"{n} {'x' * 300}"}) for n in range(40))
-    with pytest.raises(UsageError, match=r"no marker F9; there are 0 x+, 1 x.* and 30 more$") as refused:
+    with pytest.raises(UsageError, match=r"no marker F9; there are 0 x+…x+, 1 x.* and 30 more$") as refused:
         named(cases.fiducials().model_copy(update={"fiducials": many}), "F9")
     assert len(str(refused.value)) < 800
 
