@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from ronnaplan.cli.values import number, sigma_mm, whole
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     from ronnaplan.case.folder import Case
     from ronnaplan.case.surroundings import Rules
     from ronnaplan.geometry import FloatArray
+
+USUAL_PAPER: Final = "A4"
+"""What a report is printed on where nothing is said of it."""
 
 
 class Declares(Protocol):
@@ -60,8 +63,8 @@ def with_paper(parser: Declares) -> None:
     """Declare the size of a report's pages."""
     parser.add_argument(
         "--paper",
-        choices=("A4", "Letter"),
-        help="what a report is printed on (default: A4)",
+        choices=(USUAL_PAPER, "Letter"),
+        help=f"what a report is printed on (default: {USUAL_PAPER})",
     )
 
 

@@ -238,15 +238,12 @@ def _write(output: str | None, found: Fiducials) -> None:
 
 
 def _summary(found: Fiducials) -> str:
-    from ronnaplan.report.tables import fiducials_table, resolution_line
-    from ronnaplan.text import counted, sizes
+    from ronnaplan.report.tables import counts_line, fiducials_table, resolution_line
 
-    rejected = counted(len(found.rejected), "candidate")
-    count = f"{counted(len(found), 'marker')} of {sizes(found.diameters_mm)} mm; {rejected} rejected"
     return "\n".join(
         [
             *([fiducials_table(found)] if len(found) else []),
-            count,
+            counts_line(found),
             *resolution_line(found),
             *_motion(found),
             *_layout(found),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from ronnaplan.cli.output import tell
 from ronnaplan.errors import InputError, RonnaplanError
-from ronnaplan.text import LONGEST_SENTENCE, counted, printable, sizes
+from ronnaplan.text import LONGEST_SENTENCE, printable, sizes
 
 if TYPE_CHECKING:
     from ronnaplan.ct import CTVolume
@@ -175,9 +175,10 @@ def _by_diameter(found: Fiducials) -> str:
 
 
 def _counted(found: Fiducials) -> str:
+    from ronnaplan.report.tables import counts_line
+
     doubt = "" if found.distortion is None else f"; warning: {found.distortion}"
-    rejected = counted(len(found.rejected), "candidate")
-    return f"{counted(len(found), 'marker')} of {sizes(found.diameters_mm)} mm; {rejected} rejected{doubt}"
+    return f"{counts_line(found)}{doubt}"
 
 
 def _table(outcomes: Sequence[Outcome]) -> str:

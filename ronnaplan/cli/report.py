@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ronnaplan.cli.case_options import rules, with_paper, with_rules
+from ronnaplan.cli.case_options import USUAL_PAPER, rules, with_paper, with_rules
 from ronnaplan.cli.output import warn
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.no_go,
     )
     name = printable(Path(arguments.case).resolve().name if arguments.name is None else arguments.name)
-    write_atomically(arguments.output, _content(case, name, kind, arguments.paper or "A4"))
+    write_atomically(arguments.output, _content(case, name, kind, arguments.paper or USUAL_PAPER))
     return 0
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.localization import Fiducial, Fiducials
-from ronnaplan.text import columns, filled
+from ronnaplan.text import columns, counted, filled, sizes
 
 BELL_SHAPE = 1.0
 """Slice profiles with a larger shape are called bell-shaped: a parabola has 1."""
@@ -47,6 +47,12 @@ def _row(one: Fiducial) -> list[str]:
         f"{one.contrast_hu:.0f}",
         ", ".join(flag.name.lower() for flag in one.flags) or "-",
     ]
+
+
+def counts_line(found: Fiducials) -> str:
+    """Say how many markers of which sizes were found, and how many candidates rejected."""
+    rejected = counted(len(found.rejected), "candidate")
+    return f"{counted(len(found), 'marker')} of {sizes(found.diameters_mm)} mm; {rejected} rejected"
 
 
 def resolution_line(found: Fiducials) -> list[str]:
