@@ -22,8 +22,10 @@ from ronnaplan.ct.grid import (
     PERPENDICULAR_TOLERANCE,
     PIXEL_SIZE_RANGE_MM,
     TILT_TOLERANCE_DEG,
+    UNIFORM_SPACING_TOLERANCE_MM,
     SliceGrid,
 )
+from ronnaplan.ct.rounded import evened
 from ronnaplan.ct.slices import SliceImage
 from ronnaplan.ct.values import Vector
 from ronnaplan.ct.volume import VolumeFlag
@@ -192,13 +194,16 @@ def _one_stack(
             problem=f"its images lie {np.median(gaps):.0f} mm apart: localizers or single cuts, not a volume",
         )
     thickness = {image.thickness_mm for image in slices}
+    written_mm = np.array([image.origin_mm for image in slices])
+    even_mm = None if np.ptp(gaps) < UNIFORM_SPACING_TOLERANCE_MM else evened(written_mm)
     grid = SliceGrid(
-        origins_mm=np.array([image.origin_mm for image in slices]),
+        origins_mm=written_mm if even_mm is None else even_mm,
         row_step_mm=row_step,
         column_step_mm=column_step,
         thickness_mm=thickness.pop() if len(thickness) == 1 else None,
     )
-    return Stack(slices, grid, tuple(_flags(slices, grid)))
+    stack = Stack(slices, grid, tuple(_flags(slices, grid)))
+    return stack if even_mm is None else stack.flagged(VolumeFlag.ROUNDED)
 
 
 def _flags(slices: tuple[SliceImage, ...], grid: SliceGrid) -> list[VolumeFlag]:

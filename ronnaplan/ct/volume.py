@@ -37,6 +37,7 @@ class VolumeFlag(StrEnum):
 
     LOSSY = "the images were compressed with loss"
     UNEVEN_SPACING = "the slices are not evenly spaced"
+    ROUNDED = "the slices' positions are rounded, and were taken for evenly spaced as they agree with that"
     MISSING_SLICE = "one or more slices are missing"
     DUPLICATES_DROPPED = "identical copies of a slice were dropped"
     SAME_INSTANCE = "different images bear one SOP Instance UID, so that archives keep one of them only"
