@@ -26,8 +26,8 @@ from tests.planner.conftest import reopened
 TURN, SHIFT_MM = Rotation.from_rotvec([0.06, -0.08, 0.1]).as_matrix(), np.array([7.0, -5.0, 4.0])
 SPACING_MM = 3.0
 
-CELL_MM = 4.0
-"""So wide cells tell as much here; of those that the planner takes a registration takes ten times as long."""
+CELL_MM = 5.0
+"""So wide cells tell as much here; of those that the planner takes a registration takes twenty times as long."""
 
 
 @cache
