@@ -22,9 +22,9 @@ import pytest
 from ronnaplan.documents.plan import read_plan
 from tests import cases
 
-BROWSER = next(
-    (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None
-)
+NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
+"""The first is Chromium without windows of its own, which takes a quarter of the processor's time less."""
+BROWSER = next((found for name in NAMES if (found := shutil.which(name))), None)
 
 ADDRESS_BAR = ("WebUIOmniboxPopup", "WebUIOmniboxAimPopup")
 """What an address bar unfolds is a page of its own, which each new window would make: as dear as the planner's."""
