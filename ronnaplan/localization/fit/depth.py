@@ -18,6 +18,9 @@ REACH_BLURS, REACH_MM = 3.0, 0.5
 """The fit reaches so many times the blur and so much farther: beyond is what else is there, deep inside may be a metal
 insert."""
 
+ROUNDED = 1.0 + 1e-9
+"""Bounds are as much wider, so that rounding leaves nothing out."""
+
 
 @njit(cache=True, nogil=True)
 def edge_depth(offsets_mm: FloatArray, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -36,6 +39,24 @@ def depth_and_blur(u: float, v: float, w: float, theta: FloatArray) -> tuple[flo
     along = w * w / max(square, 1e-18)
     spread = theta[BLUR] ** 2 * (1.0 - along) + theta[WIDTH] ** 2 / 12.0 * along
     return math.sqrt(square) - theta[RADIUS], math.sqrt(spread + LEAST_SPREAD_MM2)
+
+
+@njit(cache=True, nogil=True)
+def reach_mm(blur: float) -> float:
+    """How far from the surface the fit reaches where that is blurred so, in mm."""
+    return REACH_BLURS * blur + REACH_MM
+
+
+@njit(cache=True, nogil=True)
+def squares_within_reach(theta: FloatArray) -> tuple[float, float]:
+    """Squared distances from the center that all places within the fit's reach lie between, in mm^2.
+
+    Half of the voxels around a candidate lie beyond, which takes no roots to tell.
+    """
+    widest = math.sqrt(max(theta[BLUR] ** 2, theta[WIDTH] ** 2 / 12.0) + LEAST_SPREAD_MM2)
+    reach = ROUNDED * reach_mm(widest)
+    nearest = theta[RADIUS] - reach
+    return (nearest * nearest if nearest > 0.0 else -1.0), (theta[RADIUS] + reach) ** 2
 
 
 def on_surface(depth: FloatArray, blur: FloatArray) -> NDArray[np.bool_]:

@@ -18,7 +18,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.algebra import quantile
 from ronnaplan.localization.fit.ball import Discs, discs
 from ronnaplan.localization.fit.cells import CELL_COUNT, cell_directions, direction_cell
-from ronnaplan.localization.fit.depth import REACH_BLURS, REACH_MM, SURFACE_BLURS, depth_and_blur
+from ronnaplan.localization.fit.depth import SURFACE_BLURS, depth_and_blur, reach_mm, squares_within_reach
 from ronnaplan.localization.fit.model import BLOCK, evaluate, has_skin, is_beyond_scale
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import (
@@ -185,10 +185,13 @@ def _within_reach(
     """
     cells, zones = np.full(len(offsets_mm), -1, dtype=np.intp), np.empty(len(offsets_mm), dtype=np.int8)
     near, count = np.empty(len(offsets_mm), dtype=np.intp), 0
+    least, most = squares_within_reach(theta)
     for n in range(len(offsets_mm)):
         u, v, w = offsets_mm[n, U] - theta[U], offsets_mm[n, V] - theta[V], offsets_mm[n, W] - theta[W]
+        if not least < u * u + v * v + w * w < most:
+            continue
         depth, blur = depth_and_blur(u, v, w, theta)
-        if abs(depth) >= REACH_BLURS * blur + REACH_MM:
+        if abs(depth) >= reach_mm(blur):
             continue
         cell = direction_cell(u, v, w)
         cells[n] = cell
