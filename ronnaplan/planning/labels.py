@@ -1,6 +1,8 @@
 """No-go regions from label maps: NIfTI (NRRD, MetaImage) or DICOM SEG, on the scan's own grid.
 
-A label map is never resampled: one drawn on another grid, or in another frame of reference, is refused.
+A label map is never resampled: one drawn on another grid, or in another frame of reference, is refused. So is one on a
+part of the scan's grid, as nobody may have looked at the rest; Slicer's own segmentations are read, which it stores no
+larger than what they mark.
 """
 
 from __future__ import annotations
@@ -21,6 +23,9 @@ from ronnaplan.geometry import FloatArray
 
 GRID_TOLERANCE_MM = 0.05
 """Voxel centers of scan and label map agree within this (NIfTI keeps float32, DICOM often three decimals)."""
+
+CROPPED = ".seg.nrrd"
+"""How the names of files end that Slicer crops to what they mark."""
 
 SEGMENTATION_STORAGE = "1.2.840.10008.5.1.4.1.1.66.4"
 
@@ -44,7 +49,10 @@ def read_label_map(path: str | os.PathLike[str], volume: CTVolume) -> Masks:
 def _from_image(path: Path, volume: CTVolume) -> Masks:
     labels = read_ct(path)
     values = np.zeros(volume.voxels_hu.shape, dtype=labels.voxels_hu.dtype)
-    _put(values, labels.voxels_hu, _fitted(labels.grid, labels.voxels_hu.shape, volume, path))
+    offset, matrix = _fitted(labels.grid, labels.voxels_hu.shape, volume, path)
+    corners = offset, offset + matrix @ (np.array(labels.voxels_hu.shape) - 1)
+    part = tuple(map(slice, np.minimum(*corners), np.maximum(*corners) + 1))
+    _put(values[part], labels.voxels_hu, (offset, matrix))
     stem = path.name.split(".")[0]
     numbers = [number for number in np.unique(values) if number != 0]
     if len(numbers) > 1000:
@@ -65,8 +73,8 @@ def _fitted(grid: SliceGrid, shape: tuple[int, ...], volume: CTVolume, path: Pat
     apart = np.linalg.norm(volume.grid.positions_mm(mapped) - grid.positions_mm(index), axis=-1)
     inside = ((mapped >= 0) & (mapped < volume.voxels_hu.shape)).all()
     permuted = (np.abs(matrix).sum(axis=0) == 1).all() and (np.abs(matrix).sum(axis=1) == 1).all()
-    same_size = permuted and tuple(np.abs(matrix) @ shape) == volume.voxels_hu.shape
-    if not (permuted and inside and same_size and apart.max() <= GRID_TOLERANCE_MM):
+    whole = path.name.lower().endswith(CROPPED) or tuple(np.abs(matrix) @ shape) == volume.voxels_hu.shape
+    if not (permuted and inside and whole and apart.max() <= GRID_TOLERANCE_MM):
         raise InputError(
             f"{path} is drawn on another grid ({' x '.join(map(str, shape))} voxels) than the scan "
             f"({' x '.join(map(str, volume.voxels_hu.shape))}); export the label map on the scan's own grid"

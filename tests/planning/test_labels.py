@@ -101,6 +101,25 @@ def test_another_grid_is_refused(volume: CTVolume, mask: NDArray[np.bool_], tmp_
             read_label_map(path, volume)
 
 
+@pytest.mark.parametrize("flips", [(1, 1, 1), (1, -1, -1), (-1, 1, -1)])
+def test_what_slicer_crops_to_its_segments_falls_on_their_voxels(
+    volume: CTVolume, mask: NDArray[np.bool_], flips: tuple[int, int, int], tmp_path: Path
+) -> None:
+    """`test_another_grid_is_refused` for a part of the grid in a file of any other kind."""
+    part = slice(3, 17), slice(2, 25), slice(5, 20)
+    marked = np.zeros_like(mask)
+    marked[part] = mask[part]
+    corner = volume.grid.positions_mm(np.array([3.0, 2.0, 5.0])) - volume.grid.origins_mm[3]
+    grid = replace(volume.grid, origins_mm=volume.grid.origins_mm[3:17] + corner)
+    path = write_image(tmp_path / "vessels.seg.nrrd", mask[part].astype(np.uint8), grid, flips)
+    np.testing.assert_array_equal(read_label_map(path, volume)["vessels"], marked)
+    beyond = replace(grid, origins_mm=grid.origins_mm - 6 * grid.column_step_mm)
+    for other in (beyond, replace(grid, origins_mm=grid.origins_mm + 0.3 * grid.row_step_mm)):
+        write_image(path, mask[part].astype(np.uint8), other, flips)
+        with pytest.raises(InputError, match="another grid"):
+            read_label_map(path, volume)
+
+
 def test_an_empty_map_is_refused(volume: CTVolume, tmp_path: Path) -> None:
     empty = np.zeros(volume.voxels_hu.shape, dtype=np.uint8)
     with pytest.raises(InputError, match="marks no voxel"):
