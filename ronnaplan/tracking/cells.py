@@ -23,7 +23,7 @@ NO_NUMBER = "no frame number"
 STATUS_COLUMNS = ("status", "state")
 TRANSFORM_STATUS_COLUMNS = ("transformstatus", "transform_status")
 """By NDI and PLUS."""
-TRUTH_COLUMNS = ("valid", "visible", "seen", "usable")
+TRUTH_COLUMNS = ("valid", "visible", "seen", "usable", "tracked")
 SEEN_COLUMNS = frozenset({*STATUS_COLUMNS, *TRANSFORM_STATUS_COLUMNS, *TRUTH_COLUMNS})
 """Columns that say whether a reading counts."""
 MEASURED = frozenset({"", "ok", "enabled", "valid", "partially_out_of_volume"})

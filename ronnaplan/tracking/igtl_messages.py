@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pyigtl.messages import CRC64
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.text import printable
 from ronnaplan.tracking.igtl_bodies import (
     PLACE_BYTES,
     POINT_ITEM,
@@ -73,8 +74,8 @@ class Stream:
         self._next: Message | None = None
         self._point_frames = 0
         self._tool_frames: Counter[str] = Counter()
-        self._told_by: dict[str, str] = {}
-        """Of each tool, the messages that told it first."""
+        self._told_by: dict[str, tuple[str, float]] = {}
+        """Of each tool, the messages that told it first, and when, by this computer's clock, they last did."""
 
     @property
     def pending(self) -> bool:
@@ -142,7 +143,7 @@ class Stream:
         if message.kind not in unpack:
             self._passed_over[message.kind] += 1
             return
-        what = f"{message.kind} messages of {message.device}"
+        what = _sender(message)
         if message.checksum not in (0, CRC64(body)):
             self._left_out[f"{what} failed their checksum and were left out"] += 1
             return
@@ -161,10 +162,16 @@ class Stream:
             ]
 
     def _marked(self, one: ToolReading, message: Message) -> ToolReading:
-        """Return a reading, flagged where its tool has long been the same: others of its message may be new."""
+        """Return a reading, flagged where its tool has long been the same: others of its message may be new.
+
+        So is one of other messages than told its tool before: these may mean another frame, and the tool stays theirs.
+        """
         pose = b"" if one.matrix is None else one.matrix.tobytes()
-        is_repeated = self._is_repeated(message, one.tool, pose)
-        return replace(one, status=REPEATED) if is_repeated and one.usable else one
+        status = REPEATED if self._is_repeated(message, one.tool, pose) else OK
+        first, _ = self._told_by[one.tool]
+        if first != _sender(message):
+            status = f"told by {_sender(message)} only, since {first} fell silent"
+        return replace(one, status=status) if status != OK and one.usable else one
 
     def _is_repeated(self, message: Message, tool: str, said_of_it: bytes) -> bool:
         """Keep what a device said last of a ``tool``, or of points (""); return whether that has long been the same.
@@ -256,12 +263,20 @@ class Stream:
 
     def _is_new(self, message: Message, tool: str) -> bool:
         """Whether a tool's reading is no second one of what messages of another kind, or device, tell of it."""
-        sender = f"{message.kind} messages of {message.device}"
-        first = self._told_by.setdefault(tool, sender)
-        if first != sender:
+        sender, now = _sender(message), time.monotonic()
+        called = printable(tool, len(tool))  # as readings are
+        first, heard_s = self._told_by.setdefault(called, (sender, now))
+        if first == sender:
+            self._told_by[called] = first, now
+        elif now - heard_s <= self._silence_s:
             self._left_out[f"readings of {tool} in {sender} were left out: {first} tell of it, too"] += 1
-        return first == sender
+            return False
+        return True
 
     def _next_frame(self, tool: str) -> int:
         self._tool_frames[tool] += 1
         return self._tool_frames[tool] - 1
+
+
+def _sender(message: Message) -> str:
+    return f"{message.kind} messages of {message.device}"

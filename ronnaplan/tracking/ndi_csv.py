@@ -34,7 +34,9 @@ ROTATION = ANGLES.union(QUATERNION)
 POSITION = ("tx", "ty", "tz")
 TOOLS = ("tool", "toolinfo", "tool_id", "tool_name", "name", "port", "porthandle", "toolhandle", "tool_handle")
 """Columns that name the tool whose pose stands behind them; the nearest one behind the pose before counts."""
-ONE_TOOL = (*TOOLS, "label", "marker")
+LABELS = ("label", "marker")
+"""The same, where none of `TOOLS` stands there."""
+ONE_TOOL = (*TOOLS, *LABELS)
 """Columns that name the tool of a row with one pose, where none stands before it; the first of these counts."""
 TIMES = ("timespec", "timestamp", "time")
 COUNTS = frozenset({"tools", "markers", "face"})
@@ -167,7 +169,8 @@ def _layout(header: list[str]) -> _Layout:
 
 def _name_column(header: list[str], begin: int, tx: int, is_only_place: bool) -> int:
     """Return the column that names the tool whose place begins at ``tx``, or -1; those before ``begin`` name others."""
-    nearest = next((column for column in range(tx - 1, begin - 1, -1) if header[column] in TOOLS), -1)
+    before = range(tx - 1, begin - 1, -1)
+    nearest = next((column for names in (TOOLS, LABELS) for column in before if header[column] in names), -1)
     if nearest >= 0 or not is_only_place:
         return nearest
     return next((header.index(name) for name in ONE_TOOL if name in header), -1)

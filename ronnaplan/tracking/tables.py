@@ -35,6 +35,10 @@ SYSTEM_COLUMNS = ("coordinate_system", "coordinates")
 OF_WORDS = frozenset({"kind", "frame", "notes", "description", *TOOL_NAMES, *SYSTEM_COLUMNS, *SEEN_COLUMNS})
 """Columns of words, of which none is a unit: a frame may be called M."""
 SAME_COLUMNS = {"qw": "q0", "frame_number": "frame"}
+OF_A_READING = re.compile(
+    rf"((tool|pose|marker|point)(_?\d+)?_)?(is_?)?(?P<said>{'|'.join(sorted(SEEN_COLUMNS))})"
+)
+"""What columns are called, too, that say whether a reading counts: ``tool_1_status``, ``is_valid``."""
 AXES = (
     *(frozenset(names) for names in (("x", "y", "z"), ("tx", "ty", "tz"), ("l", "p", "s"), ("r", "a", "s"))),
     *(frozenset(names) for names in (("m03", "m13", "m23"), ("m14", "m24", "m34"))),
@@ -258,8 +262,12 @@ def column_name(cell: str) -> str:
     ('x', 'frame', 'sigma', 'time')
 
     A quaternion's scalar, and a frame's number, have two names that mean the same: ``"qw"`` becomes ``"q0"``, and
-    ``"Frame Number"`` ``"frame"``.
+    ``"Frame Number"`` ``"frame"``. What says whether a reading counts has several.
+
+    >>> column_name("tool_1_status"), column_name("isVisible"), column_name("system_status")
+    ('status', 'visible', 'system_status')
     """
     bare = re.sub(r"[\[(].*?[\])]", "", cell).replace("#", "").strip().lower()
     name = re.sub(r"_(mm|s)$", "", bare.replace(" ", "_")).strip("_")
-    return SAME_COLUMNS.get(name, name)
+    of_a_reading = OF_A_READING.fullmatch(name)
+    return of_a_reading["said"] if of_a_reading else SAME_COLUMNS.get(name, name)

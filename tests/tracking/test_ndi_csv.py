@@ -107,6 +107,9 @@ POSE = "0.5,0.5,0.5,0.5,10,20,-1000"
         ("frame,q0,qx,qy,qz,tx,ty,tz,valid", (f"1,{POSE},0", f"2,{POSE},1"), "not valid"),
         ("visible,frame,q0,qx,qy,qz,tx,ty,tz", (f"no,1,{POSE}", f"yes,2,{POSE}"), "not visible"),
         ("status,valid,q0,qx,qy,qz,tx,ty,tz", (f"OK,0,{POSE}", f"OK,,{POSE}"), "not valid"),
+        ("frame,tool_1_status,q0,qx,qy,qz,tx,ty,tz", (f"1,missing,{POSE}", f"2,ok,{POSE}"), "missing"),
+        ("frame,q0,qx,qy,qz,tx,ty,tz,isValid", (f"1,{POSE},False", f"2,{POSE},True"), "not valid"),
+        ("frame,qw,qx,qy,qz,x,y,z,tracked", (f"1,{POSE},0", f"2,{POSE},1"), "not tracked"),
     ],
 )
 def test_what_a_row_says_of_its_one_pose_is_heard_wherever_it_stands(
@@ -147,6 +150,15 @@ def test_a_name_before_two_poses_is_that_of_the_first_alone(tmp_path: Path) -> N
     """Both were readings of one tool, in one frame."""
     text = f"frame,tool,{QUATERNION},{QUATERNION}\n1,A,{POSE},{POSE}\n"
     assert read_recording(written(tmp_path, "own.csv", text)).tool_names == ("A", "tool 2")
+
+
+@pytest.mark.parametrize("name", ["label", "marker"])
+def test_a_label_before_each_of_several_poses_names_it(tmp_path: Path, name: str) -> None:
+    """They were tool 1 and tool 2, whichever tool a row had first."""
+    text = f"frame,{name},{QUATERNION},{name},{QUATERNION}\n1,A,{POSE},B,{POSE}\n2,B,{POSE},A,{POSE}\n"
+    recording = read_recording(written(tmp_path, "own.csv", text))
+    assert [one.tool for one in recording.tools] == ["A", "B", "B", "A"]
+    assert recording.notes == ()
 
 
 @pytest.mark.parametrize(
