@@ -30,6 +30,26 @@ LARGEST_STANDOFF_MM = 1000.0
 SHORTEST_DIRECTION = 1e-6
 """A direction may have any length, but none so small that it was meant to be zero."""
 LARGEST_TURN_DEG = 360
+SMALLEST_THING_MM = 10.0
+"""Nothing worth keeping clear of is smaller; a table of 1.7 mm was stated in metres."""
+LOWEST_MM = 50.0
+"""Neither the middle of a head nor a tracker is nearer to the floor than half its own height."""
+
+
+def _require_size(name: str, longest_mm: float) -> None:
+    if longest_mm < SMALLEST_THING_MM:
+        raise ValueError(
+            f"{name} is {longest_mm:g} mm long; is it in metres? Expected {SMALLEST_THING_MM:g} or more"
+        )
+
+
+def _above_floor(vector: Vector) -> Vector:
+    if vector[2] < LOWEST_MM:
+        raise ValueError(
+            f"is {vector}, {vector[2]:g} mm above the floor; is it in metres? Expected {LOWEST_MM:g} or more, z up "
+            "from the floor"
+        )
+    return vector
 
 
 def _pointing(vector: Vector) -> Vector:
@@ -39,6 +59,7 @@ def _pointing(vector: Vector) -> Vector:
 
 
 Pointing = Annotated[Vector, AfterValidator(_pointing)]
+AboveFloor = Annotated[Vector, AfterValidator(_above_floor)]
 StandoffMm = Annotated[float, Field(ge=0, le=LARGEST_STANDOFF_MM)]
 Degrees = Annotated[float, Field(ge=-LARGEST_TURN_DEG, le=LARGEST_TURN_DEG)]
 Angle = Annotated[float, Field(ge=0, le=90)]
@@ -54,6 +75,11 @@ class BoxEntry(DocumentModel):
     size: Sides
     turn_deg: Degrees = 0.0
 
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        _require_size(self.name, max(self.size))
+        return self
+
     @property
     def box(self) -> parts.Box:
         """The box."""
@@ -67,6 +93,11 @@ class CapsuleEntry(DocumentModel):
     start: Vector
     end: Vector
     radius: PositiveMm
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        _require_size(self.name, math.dist(self.start, self.end) + 2 * self.radius)
+        return self
 
     @property
     def capsule(self) -> parts.Capsule:
@@ -83,7 +114,7 @@ class ArmBodyEntry(CapsuleEntry):
 class HeadEntry(DocumentModel):
     """Where the head is."""
 
-    center: Vector
+    center: AboveFloor
     anterior: Pointing
     superior: Pointing
 
@@ -158,7 +189,7 @@ class CameraEntry(DocumentModel):
 class TrackerEntry(DocumentModel):
     """The tracker."""
 
-    position: Vector
+    position: AboveFloor
     nearest_mm: LengthMm = parts.Tracker.nearest_mm
     farthest_mm: PositiveMm = parts.Tracker.farthest_mm
     body_mm: LengthMm = parts.Tracker.body_mm

@@ -77,6 +77,22 @@ def test_the_example_shows_how_an_arm_of_meshes_is_told(tmp_path: Path) -> None:
         ("sigma_mm = 20", "sigma_mm = nan", "sigma_mm|JSON|finite"),
         ("sigma_mm = 20", "sigma_mm = 1979-05-27", "is no room"),
         ("[margins]", "[margins", "is no room"),
+        ("size = [1700, 500, 120]", "size = [1.7, 0.5, 0.12]", r"box.0: table is 1.7 mm long; is it in metres\?"),
+        (
+            "start = [60, -90, 960]\nend = [60, 90, 960]\nradius = 20",
+            "start = [0.06, -0.09, 0.96]\nend = [0.06, 0.09, 0.96]\nradius = 0.02",
+            r"capsule.0: head holder is 0.22 mm long; is it in metres\?",
+        ),
+        (
+            "center = [0, 0, 1050]",
+            "center = [0, 0, 1.05]",
+            r"head.center: is .*, 1.05 mm above the floor; is it in",
+        ),
+        (
+            "[-970, 1340, 1010]",
+            "[-0.97, 1.34, 1.01]",
+            r"tracker.position: is .*, 1.01 mm above the floor; is it in",
+        ),
     ],
 )
 def test_what_is_no_room_is_refused(old: str, new: str, sentence: str, tmp_path: Path) -> None:

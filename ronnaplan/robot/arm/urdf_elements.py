@@ -26,6 +26,8 @@ LARGEST_NUMBER = 1e6
 """No part of an axis is larger, nor is an axis shorter than one over it."""
 PLACED_BY = frozenset({"xyz", "rpy"})
 """What is read of an origin; newer descriptions may turn it otherwise, too (``quat_xyzw``)."""
+ONCE = ("parent", "child", "origin", "axis", "limit", "mimic", "safety_controller")
+"""What a joint has one of: of two nothing says which counts."""
 TURNING = ("revolute", "continuous")
 EXPECTED = "the URDF description of an arm"
 
@@ -96,6 +98,10 @@ def joints_of(root: ElementTree.Element, links: dict[str, ElementTree.Element]) 
         if name in names:
             raise InputError(f"two joints are called {name!r}; expected each name once, correct the file")
         names.add(name)
+        parts = [part.tag for part in element]
+        twice = next((tag for tag in ONCE if parts.count(tag) > 1), None)
+        if twice is not None:
+            raise InputError(f"joint {name} has more than one <{twice}>; expected one, correct the file")
         parent, child = (_named_link(element, end, name, links) for end in ("parent", "child"))
         joint = Joint(name, attribute(element, "type", f"joint {name}"), parent, child, element)
         first = joints.setdefault(child, joint)

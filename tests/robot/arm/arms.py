@@ -196,3 +196,12 @@ _JOINTS = "".join(
     _JOINT.format(n=n, before=n - 1, turn="1.5707963267948966" if n % 2 == 0 else "-1.2") for n in range(1, 8)
 )
 SEVEN = f'<robot name="seven">{_LINKS}{_JOINTS}</robot>'
+
+
+def hanging(text: str) -> str:
+    """Return an arm's description whose link ``base`` hangs upside down under the root."""
+    start, _, rest = text.partition("\n")
+    return (
+        f'{start}<link name="ceiling"/><joint name="hook" type="fixed"><origin rpy="3.141592653589793 0 0"/>'
+        f'<parent link="ceiling"/><child link="base"/></joint>\n{rest}'
+    )

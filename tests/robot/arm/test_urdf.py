@@ -233,6 +233,7 @@ def test_the_limits_that_the_controller_keeps_count(
         ('upper="0.7853981633974483"', 'upper="1_0"', "a limit of joint A2 is no number"),
         ('radius="0.06"', 'radius="1_0"', "has the size 1_0 m"),
         ('<parent link="base"/>', '<parent link="l6"/>', "round in a circle"),
+        ("<limit", '<origin xyz="0 0 0.9"/><limit', "joint A1 has more than one <origin>; expected one"),
     ],
 )
 def test_what_is_no_arm_is_refused(old: str, new: str, sentence: str, tmp_path: Path) -> None:

@@ -33,11 +33,12 @@ from ronnaplan.robot.placement.search import Problem, asking, base_pose, grid, w
 from ronnaplan.robot.placement.serving import Served
 from ronnaplan.robot.placement.tasks import drill_task
 from ronnaplan.robot.placement.world import world_of
-from tests.robot.arm.arms import UR10E_M, calibrated_ur5e, iiwa, panda, ur
+from tests.robot.arm.arms import KR6, UR10E_M, calibrated_ur5e, hanging, iiwa, panda, ur
 from tests.robot.arm.test_kinematics import read
 from tests.robot.placement.cases import CENTER_MM, HEAD_MM, job, room, surface
 
 SMALL = Floor((-800.0, -650.0), (-600.0, -500.0), (850.0, 900.0))
+CEILING = Floor((-800.0, -650.0), (-300.0, -200.0), (1750.0, 1850.0))
 
 
 @pytest.fixture(scope="module")
@@ -77,8 +78,9 @@ OTHERS = {
     "calibrated": (calibrated_ur5e(), (), (0.0, -120.0, 120.0, -90.0, -90.0, 0.0)),
     "iiwa": (iiwa(), ("joint_a3",), (0.0, -30.0, 90.0, 0.0, 60.0, 0.0)),
     "panda": (panda(), ("panda_joint7",), (0.0, -45.0, 0.0, -135.0, 0.0, 90.0)),
+    "hanging": (hanging(KR6), (), (0.0, -120.0, 120.0, 0.0, 60.0, 0.0)),
 }
-"""Arms of other kinds, which of their joints are held, and their postures of reference."""
+"""Arms of other kinds, and one under a ceiling, which of their joints are held, and their postures of reference."""
 
 
 @pytest.mark.parametrize("name", OTHERS)
@@ -88,7 +90,8 @@ def test_other_arms_are_placed_and_reach_every_task_by_their_own_joints(name: st
     arm = whole
     for joint in held:
         arm = arm.holding(joint, 0.0)
-    given = replace(job(0, 2, 1, floor=SMALL, reference_deg=reference_deg), arm=arm)
+    floor = CEILING if name == "hanging" else SMALL
+    given = replace(job(0, 2, 1, floor=floor, reference_deg=reference_deg), arm=arm)
     placement = find_places(given)
     place = placement.places[0]
     drawn = placement_document(placement, given.room, arm, Source()).robot_from_ct[0].robot
