@@ -227,8 +227,9 @@ def examine_place(
     fit = fit_place(scan, center_mm, diameter_mm, build, Head.LEFT if for_its_size else Head.MADE_GOOD)
     unseen = unseen_share(scan.volume, fit.center_mm, fit.diameter_mm / 2.0)
     thickness_mm = float(scan.thickness_mm(center_mm))
+    gap_mm = scan.gap_across_mm(fit.center_mm, fit.diameter_mm / 2.0)
     noise_hu = noise_level(fit)
-    evidence = Evidence(fit, diameter_mm, thickness_mm, noise_hu, unseen, scan.volume, usual)
+    evidence = Evidence(fit, diameter_mm, thickness_mm, gap_mm, noise_hu, unseen, scan.volume, usual)
     failed = tuple(failures(evidence, but={"certainty"} if for_its_size else frozenset()))
     is_center_told = not failed and not for_its_size
     # The two edges of a shell or a wrapping are too near each other.

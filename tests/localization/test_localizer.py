@@ -177,6 +177,27 @@ def test_clipped_zirconia_is_found_though_it_absorbs_twice_as_much_as_steel(diam
     assert all(one.flags == (FiducialFlag.CLIPPED,) for one in found)
 
 
+@pytest.mark.parametrize("with_balls", [False, True])
+def test_no_cut_of_a_rod_that_thick_slices_show_is_a_ball(with_balls: bool) -> None:
+    """Each of 2 mm looked like a ball of 3 mm in slices of 0.02 to 0.8 mm: eight and more, 1 to 20 mm from any."""
+    tops = np.array([(-15.0, -12.0, 3.1), (14.0, -10.0, -2.4), (1.0, 15.0, 0.3)])
+    rods = [cylinder((x, y, -21.9), (0, 0, 1), 21.9 + z, 1.8) for x, y, z in tops]
+    solids = [*rods, *(sphere(top, 3.0) for top in tops if with_balls)]
+    scene = Scene(tuple(Part(solid, "titanium") for solid in solids))
+    found = localize(scan(scene, small_stack(spacing_mm=2.0), blur_mm=0.45), diameter_mm=3.0)
+    assert "hidden" in {one.test for one in found.rejected}
+    for one in found:
+        assert with_balls
+        assert np.linalg.norm(tops - one.center_mm, axis=1).min() < 0.2
+
+
+def test_bare_balls_in_slices_two_thirds_as_thick_as_they_are_stay_found() -> None:
+    places = [(-15.0, -12.0, 3.1), (14.0, -10.0, -2.4), (1.0, 15.0, 0.3)]
+    for material in ("acrylic", "titanium"):
+        volume = scan(balls(places, 3.0, material), small_stack(spacing_mm=2.0), blur_mm=0.45)
+        assert len(localize(volume, diameter_mm=3.0, expected=3)) == 3
+
+
 def test_a_screws_head_is_no_ball() -> None:
     head = Scene((Part(cylinder((0.0, 0.0, 0.0), (-0.7, -0.25, 0.65), 3.0, 5.0), "titanium"),))
     for spacing_mm in (0.5, 0.6, 1.0):

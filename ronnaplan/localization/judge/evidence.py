@@ -47,6 +47,8 @@ class Evidence:
     fit: BallFit
     diameter_mm: float
     thickness_mm: float
+    gap_mm: float
+    """Widest distance between the slices that the ball reaches into."""
     noise_hu: float
     unseen: float
     """Share of the ball's directions for which the scan has no voxels."""

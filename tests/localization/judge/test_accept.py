@@ -61,15 +61,17 @@ def spoiled(name: str, fit: BallFit) -> BallFit:
     }[name]()
 
 
-def evidence(fit: BallFit) -> Evidence:
-    return Evidence(fit, 11.5, 1.0, 10.0, 0.0, volume())
+def evidence(fit: BallFit, gap_mm: float = 1.0) -> Evidence:
+    return Evidence(fit, 11.5, 1.0, gap_mm, 10.0, 0.0, volume())
 
 
 @pytest.mark.parametrize("name", list(TESTS))
 def test_every_test_can_fail_and_gives_its_reason(name: str, fit: BallFit) -> None:
-    reason = TESTS[name](evidence(spoiled(name, fit)))
+    apart = name == "hidden"
+    reason = TESTS[name](evidence(fit, gap_mm=6.0) if apart else evidence(spoiled(name, fit)))
     assert reason is not None
     assert len(reason) > 15
+    assert TESTS[name](evidence(fit)) is None
 
 
 def test_a_fit_without_any_surface_is_turned_down_in_finite_words(fit: BallFit) -> None:
@@ -115,7 +117,7 @@ def test_a_fit_that_no_voxel_informed_is_turned_down(fit: BallFit) -> None:
     nothing = np.zeros(len(fit.used), dtype=np.bool_)
     empty = fit_at(fit.neighbourhood, fit.theta, fit.prior, fit.verdict, nothing, np.inf, converged=False)
     assert len(empty.neighbourhood.values_hu) == 0
-    assert "converged" in dict(failures(Evidence(empty, 11.5, 1.0, 10.0, 0.0, volume())))
+    assert "converged" in dict(failures(Evidence(empty, 11.5, 1.0, 1.0, 10.0, 0.0, volume())))
 
 
 def test_a_ball_passes_them_all(fit: BallFit) -> None:

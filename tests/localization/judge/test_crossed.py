@@ -64,7 +64,7 @@ def fit_of(volume: CTVolume, diameter_mm: float = DIAMETER_MM) -> BallFit:
 
 
 def stated_mm2(volume: CTVolume, fit: BallFit) -> FloatArray:
-    return Evidence(fit, DIAMETER_MM, 0.6, noise_level(fit), 0.0, volume).covariance_mm2
+    return Evidence(fit, DIAMETER_MM, 0.6, 0.6, noise_level(fit), 0.0, volume).covariance_mm2
 
 
 def test_the_slices_that_a_screw_crosses_do_not_pull_a_ball() -> None:

@@ -37,7 +37,7 @@ def test_a_socket_does_not_draw_its_ball_in() -> None:
     volume = in_a_socket(0.8, np.array([-1.0, 0.0, 0.0]))
     fit = fit_of(volume)
     error_mm = fit.center_mm - CENTER_MM
-    evidence = Evidence(fit, DIAMETER_MM, 1.0, noise_level(fit), 0.0, volume)
+    evidence = Evidence(fit, DIAMETER_MM, 1.0, 1.0, noise_level(fit), 0.0, volume)
     assert np.abs(error_mm).max() < 0.012  # 0.044 with what the rim shines into
     assert error_mm @ np.linalg.solve(evidence.covariance_mm2, error_mm) < 7.8
     assert fit.drawn is not None
