@@ -34,6 +34,9 @@ ISOLATE, ISOLATE_END = "\u2068", "\u2069"
 
 SOFT_HYPHEN = "\u00ad"
 
+ELLIPSIS = "\u2026"
+"""Stands for the middle of a name that is written shorter than it is."""
+
 PLAIN_NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]{1,3})?")
 
 
@@ -96,19 +99,22 @@ def table(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def abridged(name: str, longest: int = LONGEST_LISTED) -> str:
-    """Return a name of many characters as its beginning and its end, by either of which long names may differ.
+    """Return a name in ``longest`` characters at most: its beginning and its end, by either of which long names may differ.
 
-    >>> abridged("left"), abridged("left amygdala, second", longest=9)
-    ('left', 'left\u2026cond')
+    >>> abridged("left"), abridged("left amygdala, second", longest=9), abridged("left lead two", longest=6)
+    ('left', 'left\u2026cond', 'lef\u2026wo')
     """
-    return name if len(name) <= longest else f"{name[: longest // 2]}\u2026{name[-(longest // 2) :]}"
+    if len(name) <= longest:
+        return name
+    first, last = longest // 2, (longest - 1) // 2
+    return f"{name[:first].rstrip()}{ELLIPSIS}{name[len(name) - last :].lstrip()}"
 
 
 def told_apart(names: Iterable[str], longest: int = LONGEST_LISTED) -> dict[str, str]:
     """Return each of some names `abridged`, by the name; those that would read alike then stay whole.
 
     >>> list(told_apart(["left lead", "right lead"], longest=8).values())
-    ['left\u2026lead', 'righ\u2026lead']
+    ['left\u2026ead', 'righ\u2026ead']
     >>> list(told_apart(["lead left end", "lead right end"], longest=6).values())
     ['lead left end', 'lead right end']
     """

@@ -15,7 +15,7 @@ from ronnaplan.cohort.summary import Row, Summary, scanner_of, summarize
 from ronnaplan.cohort.tables import MARKERS, SERIES, series_rows
 from ronnaplan.documents.files import write_atomically
 from ronnaplan.report.html import box, element, link, page, picture, section, table
-from ronnaplan.text import NOTICE, printable
+from ronnaplan.text import NOTICE, counted, printable
 
 PAGE: Final = "index.html"
 MOST_ROWS: Final = 15
@@ -99,9 +99,9 @@ def _quality(summary: Summary) -> list[str]:
         f"{one.scanner}, {one.quantity}: {one.verdict}" for one in charts if one.drifts.any() or one.leaps.any()
     ]
     top = (
-        box("warnings", f"{len(alarms)} of {len(charts)} charts show a change", alarms)
+        box("warnings", f"A change in {len(alarms)} of {counted(len(charts), 'chart')}", alarms)
         if alarms
-        else box("clear", f"All {len(charts)} charts are steady", [])
+        else box("clear", f"No change in {counted(len(charts), 'chart')}", [])
     )
     text = (
         "A known phantom, scanned again and again. Points are single scans and dashed lines their limits; the line is "

@@ -65,7 +65,7 @@ def deidentify(source: str | Path, target: str | Path, secret: bytes) -> int:
                 names.append(f"{len(names) + 1:05d}.dcm")
                 write_atomically(part / names[-1], _deidentified_bytes(blob, secret))
         if not names:
-            raise InputError(f"{printable(source)} holds no DICOM object; name a folder of CT images")
+            raise InputError(f"{printable(source)} holds no DICOM object; give a folder of CT images")
         move_up(part, whole, names)
     except BaseException:  # a part would be taken for the whole
         for one_of_two in (part, whole):

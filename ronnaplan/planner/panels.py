@@ -36,6 +36,9 @@ OUTCOMES = ("FAIL", "near", "pass")
 MEASURING = "measuring ..."
 """Stands for what is wrong with a trajectory until that is known."""
 
+LAST_LETTERS = 10
+"""Of a long name in the list of trajectories: they are always seen."""
+
 SAME_NATS = 0.05
 """Pairings whose log evidence differs by less are shown as equally probable."""
 
@@ -63,6 +66,7 @@ def path_rows(state: PlannerState) -> list[dict[str, Any]]:
     return [
         {
             "name": one.name,
+            "parts": _beginning_and_end(one.name),
             "colour": one.colour,
             "locked": one.locked,
             "selected": one.name == state.look.selected,
@@ -71,6 +75,11 @@ def path_rows(state: PlannerState) -> list[dict[str, Any]]:
         }
         for one in plan.trajectories
     ]
+
+
+def _beginning_and_end(name: str) -> tuple[str, str]:
+    """Return a name in two parts: of a long one the page shortens the first, so that both its ends are seen."""
+    return (name, "") if len(name) < 2 * LAST_LETTERS else (name[:-LAST_LETTERS], name[-LAST_LETTERS:])
 
 
 def _in_a_word(judged: Judgement) -> tuple[str, str]:

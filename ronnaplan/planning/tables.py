@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from ronnaplan.geometry import FloatArray
@@ -13,7 +13,7 @@ from ronnaplan.planning.plan import Plan
 from ronnaplan.planning.proposals import Proposals
 from ronnaplan.planning.rows import chance, frame_sentence, number, value_and_limit
 from ronnaplan.planning.uncertainty import Expectation
-from ronnaplan.text import table
+from ronnaplan.text import table, told_apart
 
 
 def plan_list(plan: Plan) -> str:
@@ -50,7 +50,8 @@ def measures_table(measured: Sequence[Measures], expected: Expectation) -> str:
     header = ["name", "length", "below scalp", "below skull", "skull", "angle", "arc", "ring", "sagittal"]
     header += ["coronal", "nearest", "TRE entry", "TRE target", "turn", "chance"]
     units = ["", "mm", "mm", "mm", "mm", "deg", "deg", "deg", "deg", "deg", "mm", "mm", "mm", "deg", ""]
-    table = _table(header, [units, *([*_values(one)] for one in measured)])
+    shown = told_apart(one.trajectory.name for one in measured)
+    table = _table(header, [units, *([shown[one.trajectory.name], *_values(one)] for one in measured)])
     return "\n".join([table, *_bases(measured, expected)])
 
 
@@ -71,7 +72,6 @@ def _values(one: Measures) -> list[str]:
     nearest = min((clearance.clearance_mm for clearance in one.clearances), default=None)
     acpc, error = one.acpc, one.error
     return [
-        one.trajectory.name,
         number(one.length_mm, 1),
         number(one.depth_below_scalp_mm, 1),
         number(one.depth_below_skull_mm, 1),
@@ -89,12 +89,14 @@ def _values(one: Measures) -> list[str]:
     ]
 
 
-def verdict_table(verdicts: Iterable[Verdict]) -> str:
+def verdict_table(verdicts: Sequence[Verdict]) -> str:
     """Return one row a verdict, with its value, limit and whether it passes."""
+    names = told_apart(one.trajectory for one in verdicts)
+    measures = told_apart(one.measure for one in verdicts)
     rows = [
         [
-            one.trajectory,
-            one.measure,
+            names[one.trajectory],
+            measures[one.measure],
             *value_and_limit(one),
             one.unit,
             "pass" if one.passes else "FAIL",

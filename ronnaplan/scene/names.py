@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
+from ronnaplan.text import ELLIPSIS, abridged
+
 LETTER_EM = 0.54
 """How wide a letter is on average, in heights of the letters: no more than an estimate, fonts differ."""
-
-ELLIPSIS = "\u2026"
-"""What a name ends with that would take more than half of the picture's width; tables have it whole."""
 
 WIDE_EM = 1.0
 """How wide a letter of Chinese, Japanese or Korean, or `ELLIPSIS`, is, in heights of the letters."""
@@ -57,11 +56,11 @@ class Room:
         return self.em * (self.letter_em * (len(name) - wide + more) + WIDE_EM * wide)
 
     def shortened(self, name: str) -> str:
-        """Return what of a name takes half of the picture's width at most."""
+        """Return a name, or as much of its beginning and its end as takes half of the picture's width."""
         if self.length(name) <= self.wide:
             return name
         most = min(len(name) - 1, int(self.wide / (self.letter_em * self.em)))
-        kept = (name[:count].rstrip() + ELLIPSIS for count in range(most, 0, -1))
+        kept = (abridged(name, count) for count in range(most, 2, -1))
         return next((one for one in kept if self.length(one) <= self.wide), ELLIPSIS)
 
     def box(self, text: str, x: float, y: float, anchor: str = "start") -> Box:

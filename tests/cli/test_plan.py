@@ -143,6 +143,23 @@ def test_check_passes_then_refuses_with_a_table(
     assert "1 of 3 limits are broken" in printed.err
 
 
+def test_a_check_of_long_names_fits_a_terminal_and_tells_them_apart(
+    plan: Path, ct: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ends = ["--entry", "-22", "10", "77", "--target", "-14", "5", "20", "--coordinates", "LPS"]
+    names = [f"left {'n' * 290} {which}" for which in ("first", "second")]
+    for name in names:
+        assert main(["plan", "add", str(plan), name, "--ct", str(ct), *ends]) == 0
+    capsys.readouterr()
+    main(["plan", "check", str(plan), "--ct", str(ct)])
+    printed = capsys.readouterr().out
+    assert max(map(len, printed.splitlines())) < 240
+    for end in ("n first", "n second"):
+        assert end in printed
+    assert main(["plan", "list", str(plan)]) == 0
+    assert names[0] in capsys.readouterr().out  # to be named in another command
+
+
 def test_every_limit_of_the_documentation_s_example_is_judged_in_the_measures(tmp_path: Path) -> None:
     limits, output = tmp_path / "limits.json", tmp_path / "measures.json"
     (example,) = re.findall(r'\{"format": "ronnaplan.limits".*?\}', PAGE, re.DOTALL)

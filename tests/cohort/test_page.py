@@ -73,6 +73,7 @@ def test_the_page_tells_the_drift_and_shows_the_worst_sheet_first(
         write_page(index, tmp_path)
     text = (tmp_path / "index.html").read_text()
     assert "drifts since 2026" in text
+    assert re.search(r"A change in [12] of 2 charts", text)
     assert "p&lt;b&gt;/7" in text
     assert "6 of 6 markers; it is stretched" in text
     assert "<b>" not in text

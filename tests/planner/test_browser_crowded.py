@@ -85,6 +85,14 @@ def test_long_names_stay_within_their_line_and_are_whole_in_their_title(
     for number, name in enumerate(NAMES, start=1):
         assert rows.nth(number).bounding_box()["height"] == pytest.approx(plain, abs=4.0)
         assert name.strip() in rows.nth(number).locator("button").first.get_attribute("title")
+        written = rows.nth(number).locator("bdi")
+        assert written.text_content() == name.strip()
+        (listed, last), room = (
+            (one.bounding_box() for one in (written, written.locator("span").last)),
+            rows.nth(number).locator("td").first.bounding_box(),
+        )
+        for box in (listed, last):  # the end of a long name is seen, too: it may be told from another only there
+            assert room["x"] - 1 <= box["x"] < box["x"] + box["width"] <= room["x"] + room["width"] + 1
 
 
 def test_what_stands_below_a_long_list_is_within_reach_and_what_is_selected_is_seen(

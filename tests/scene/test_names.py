@@ -55,10 +55,13 @@ def test_a_name_that_fits_on_neither_side_begins_within_the_picture() -> None:
     ["a name that is longer than this picture is wide " * 2, "\u6d77\u99ac" * 30, "x" * 1_000_000],
     ids=["words", "Chinese", "a million letters"],
 )
-def test_a_long_name_takes_half_of_the_picture_and_ends_with_an_ellipsis(name: str) -> None:
+def test_a_long_name_takes_half_of_the_picture_and_shows_its_beginning_and_its_end(name: str) -> None:
+    """Two of one head often differ at their ends only."""
     (one,) = written((name, 0.0, 0.0))
-    assert one["text"].endswith("\u2026")
-    assert name.startswith(one["text"][:-1])
+    beginning, end = one["text"].split("\u2026")
+    assert name.startswith(beginning)
+    assert name.endswith(end)
+    assert abs(len(beginning) - len(end)) <= 2
     assert 0.85 * ROOM.wide < ROOM.length(one["text"]) <= ROOM.wide
 
 
@@ -95,7 +98,8 @@ def test_the_label_of_a_marker_is_shortened_and_stands_within_the_picture() -> N
     assert label("F1", 0.0, 0.0) == {"x": 0.1, "y": -0.1, "anchor": "start", "text": "F1"}
     assert label("F1", 1.95, 0.0) == {"x": pytest.approx(1.85), "y": -0.1, "anchor": "end", "text": "F1"}
     long = label("behind the left ear, where the skin is thin, put on again", 0.0, 0.0)
-    assert long["text"].endswith("\u2026")
+    assert long["text"].startswith("behind")
+    assert long["text"].endswith("put on again")
     assert ROOM.length(long["text"]) <= ROOM.wide
 
 
