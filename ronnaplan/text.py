@@ -99,7 +99,7 @@ def table(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def abridged(name: str, longest: int = LONGEST_LISTED) -> str:
-    """Return a name in ``longest`` characters at most: its beginning and its end, by either of which long names may differ.
+    """Return a name in ``longest`` characters at most: its beginning and its end, for it may be told by either.
 
     >>> abridged("left"), abridged("left amygdala, second", longest=9), abridged("left lead two", longest=6)
     ('left', 'left\u2026cond', 'lef\u2026wo')

@@ -58,7 +58,7 @@
       timed = Array.from({ length: TIMED }, () => viewer.timed());
       if (Math.min(...timed) > SLOWEST_MS) return leave(canvas, viewer);
     }
-    viewer.redraw();
+    finely();
   }
   function look(eye) {
     if (!viewer || !eye?.position) return;
@@ -74,7 +74,7 @@
   // The whole scan: coarsely while something moves, as coarsely as this machine needs; it is a surface where that is still slow.
   const COARSEST = 0.25, QUICK_MS = 60, REST_MS = 250, LONGEST_MS = 2500;
   const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
-  let coarse = 1, finest = 1, resting = 0;
+  let coarse = 1, finest = 1, resting = 0, quick = false; // quick: the scan was timed, and is drawn soon enough
   async function whole(told) {
     if (!viewer) return;
     if (!told?.table) {
@@ -87,10 +87,9 @@
       const answer = await fetch("volume");
       if (!answer.ok || !viewer) return;
       drawn.load(new Uint8Array(await answer.arrayBuffer()), told);
-      viewer.whole = drawn;
-      if (viewer.eye && !measured()) return window.trame.trigger("volume_is_slow");
     }
     viewer.whole = drawn;
+    if (!quick && viewer.eye && !(quick = measured())) return window.trame.trigger("volume_is_slow");
     finely();
   }
   // Finds how coarse the rays have to be; false where even the coarsest take too long.
