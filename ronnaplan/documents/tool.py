@@ -24,7 +24,7 @@ from ronnaplan.documents.reading import made, read_document
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import Pose
 from ronnaplan.robot.chain import OTS, TCP, M, R
-from ronnaplan.robot.hand_eye import HandEye
+from ronnaplan.robot.hand_eye_found import HandEye
 from ronnaplan.robot.pivot import PivotCalibration
 
 Count = Annotated[int, Field(ge=0)]

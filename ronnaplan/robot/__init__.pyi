@@ -1,6 +1,7 @@
 from .camera import Camera as Camera, StereoRig as StereoRig
 from .chain import Capture as Capture, robot_from_ct as robot_from_ct, to_frame as to_frame
-from .hand_eye import HandEye as HandEye, calibrate_hand_eye as calibrate_hand_eye, with_tip as with_tip
+from .hand_eye import calibrate_hand_eye as calibrate_hand_eye, with_tip as with_tip
+from .hand_eye_found import HandEye as HandEye
 from .markers import (
     RobotMarkers as RobotMarkers,
     RobotRegistration as RobotRegistration,

@@ -9,7 +9,7 @@ tracker's, and the covariance counts that those of successive poses may be corre
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,7 +28,9 @@ from ronnaplan.pose import (
     point_jacobian,
     rigid,
 )
+from ronnaplan.robot.by_pose import field
 from ronnaplan.robot.chain import OTS, TCP, M, R
+from ronnaplan.robot.hand_eye_found import HandEye
 from ronnaplan.robot.hand_eye_start import FINEST, closed_form, discrepancies, far_off, out_of_step, which_are_far
 from ronnaplan.robot.hand_eye_step import Step, step_in
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
@@ -44,8 +46,6 @@ SAME_ANGLES_DEG = 0.5
 """Poses of other moments are seldom off by less (RMS), a tracker's errors seldom by more."""
 SAME_TIP_PROBABILITY = 1e-6
 """A pivot calibration that errors as stated would put so far off, and more rarely than this, is of another tip."""
-SWAPPED = 1.5
-"""The tracker's errors are least at its spheres; found larger at M than at the TCP by this, M may be the robot's."""
 SAME_POSES = 1e-6
 """Poses that nowhere differ by more, in an entry, are of one recording."""
 STARTING_SDS = (1e-3, 1.0)
@@ -56,51 +56,6 @@ CONSTANTS = 12
 """So many unknowns, the first ones, are increments of the two poses."""
 IN_TRACKER, IN_TOOL = slice(12, 21), slice(21, 27)
 """Which unknowns are drifts in the tracker's axes and in the tool's."""
-
-
-@dataclass(frozen=True)
-class HandEye:
-    """The two constant poses, their covariance, and how well the recorded poses agree."""
-
-    m_from_tcp: Pose
-    robot_from_ots: Pose
-    """Both are without the errors of the poses seen; where these drift steadily, as in the middle of the recording."""
-    rotation_rms_deg: float
-    """RMS over the poses of the angle left."""
-    translation_rms_mm: float
-    """At M's origin."""
-    tcp_rms_mm: float
-    """What is left at the TCP."""
-    far: tuple[int, ...] = ()
-    """Which poses are far off what the others say (`hand_eye_start.far_off`), and were counted as they are."""
-    out_of_step: bool = False
-    """Whether the poses fit far better with those of the robot one earlier, or one later."""
-    step: Step | None = None
-    """From which pose on robot and tracker, or M and TCP, stand otherwise to each other than before."""
-    repeated: int = 0
-    """How many poses were left out, as the tracker's were earlier ones to the last digit."""
-
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """Why it may be wrong: a tool that was hidden, tracker and robot exchanged, or poses not of one moment."""
-        told = []
-        if self.repeated:
-            told.append(
-                f"poses of the tracker that are an earlier one to the last digit were left out, {self.repeated} in "
-                "all: look whether the tool was hidden then"
-            )
-        if self.translation_rms_mm > SWAPPED * self.tcp_rms_mm:
-            told.append(
-                f"the poses of M err by {self.translation_rms_mm:.3f} mm RMS at its origin and by "
-                f"{self.tcp_rms_mm:.3f} mm at the TCP, as if the TCP were what the tracker sees: check which recording "
-                "is the tracker's and which the robot's"
-            )
-        if self.out_of_step:
-            told.append(
-                "the poses of robot and tracker fit far better one apart, as if they were not of the same moments: "
-                "check how they are numbered and by how much either is late, or stand still for each"
-            )
-        return tuple(told)
 
 
 def calibrate_hand_eye(
@@ -243,13 +198,17 @@ def _refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: Float
         error = residual * sds
         spread = np.sqrt((error**2).sum(axis=0).reshape(2, 3).sum(axis=1) / freedom.reshape(2, 3).sum(axis=1))
         sds = np.repeat(np.maximum(spread, FINEST), 3)
-    covariance = _covariance(design, residual, seen, step)  # of increments on the right
+    robot_from_m = left @ seen
+    of_field = field(robot_from_m, robot_from_m @ right, sds)
+    # of increments on the right
+    covariance, by_pose = _covariance(design, residual, seen, step, of_field)
     return HandEye(
         Pose(right, carried(right, covariance[6:12, 6:12]), M, TCP),
         Pose(left, carried(left, covariance[:6, :6]), R, OTS),
         float(np.degrees(np.sqrt((error[:, :3] ** 2).sum(axis=1).mean()))),
         float(np.sqrt((error[:, 3:] ** 2).sum(axis=1).mean())),
         float(np.sqrt(((error @ point_jacobian(right[:3, 3]).T) ** 2).sum(axis=1).mean())),
+        by_pose,
     )
 
 
@@ -282,11 +241,16 @@ def _turned(poses: FloatArray) -> FloatArray:
     return turned
 
 
-def _covariance(design: FloatArray, residual: FloatArray, seen: FloatArray, estimate: FloatArray) -> FloatArray:
-    """Return the covariance of the fit; noise and drift are in the tool's axes or in the tracker's."""
+def _covariance(
+    design: FloatArray, residual: FloatArray, seen: FloatArray, estimate: FloatArray, of_field: FloatArray
+) -> tuple[FloatArray, float]:
+    """Return the covariance of the fit; noise and drift are in the tool's axes or in the tracker's.
+
+    With it comes how likely errors are that depend on the robot's pose, which add ``of_field`` (N, 6, s).
+    """
     turned = _turned(seen)
     frames = [
-        Equations(design, residual, IN_TOOL),
+        Equations(design, residual, IN_TOOL, field=of_field),
         Equations(turned @ design, (turned @ residual[..., None])[..., 0], IN_TRACKER),
     ]
     return least_squares_covariance(frames, estimate, CONSTANTS)

@@ -13,22 +13,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.robot import by_pose
+from ronnaplan.robot.by_pose import LEAST_VARIANCE
+from ronnaplan.robot.spectra import spectra
 
-WHITE_SHARES = (0.0, 0.01, 0.1, 0.3, 0.6)
-MEMORIES = 16
-"""Lengths of memory that are tried, from one pose to the whole recording."""
-FILTER_MEMORY = 0.03
-"""A filter's memory, and that of noise beside a steady drift, is at most so much of the recording: what is as smooth
-and lasts longer is a steady drift, what wanders beside one is a walk."""
-FILTER_POSES = 10
-"""However short a recording is, a filter may remember so many poses: a second or less, as trackers report them."""
 DRIFT_SDS = 4.0
 """A steady drift over half the recording, one standard deviation, in those of the noise."""
 DRIFT_PROBABILITY = 0.1
@@ -45,8 +39,6 @@ FEWEST_FREQUENCIES = 8
 SHAPE_ROUNDS = 4
 FEWEST_FOR_SHAPE = 4
 """Unlike components are only considered with so many frequencies for each of them."""
-LEAST_VARIANCE = 1e-12
-"""Of the noise, in equations in which it is about one: of poses without any, round-off is left, of either sign."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +53,8 @@ class Equations:
     """Which columns are a steady drift in these axes."""
     turning: FloatArray | None = None
     """(N, c, s): what noise in other axes, which turn against these, adds; of about unit size."""
+    field: FloatArray | None = None
+    """(N, 6, s): what errors that depend on the robot's pose add (`by_pose.field`), where the components are six."""
 
 
 def least_squares(design: FloatArray, observed: FloatArray, constants: int) -> tuple[FloatArray, FloatArray]:
@@ -73,12 +67,15 @@ def least_squares(design: FloatArray, observed: FloatArray, constants: int) -> t
     return solution, len(design) - np.einsum("nci,nci->c", design @ np.linalg.inv(normal), design)
 
 
-def least_squares_covariance(frames: Sequence[Equations], estimate: FloatArray, constants: int) -> FloatArray:
-    """Return the covariance (p, p) of the ``estimate`` (p,) that `least_squares` makes.
+def least_squares_covariance(
+    frames: Sequence[Equations], estimate: FloatArray, constants: int
+) -> tuple[FloatArray, float]:
+    """Return the covariance (p, p) of the ``estimate`` (p,) of `least_squares`, and how likely a field is in it.
 
     ``frames`` are the same equations in one frame or more (of the tracker, of the tool). The noise is stationary in
     one of them, its components alike or not, it drifts steadily or not: each is a candidate, and the result is the
-    average over all candidates and spectra by their likelihood.
+    average over all candidates and spectra by their likelihood. So are fields of errors by the robot's pose, where
+    the equations tell them.
     """
     weights, covariances = [], []
     seen = [_Frequencies(frame, constants) for frame in frames]
@@ -93,9 +90,17 @@ def least_squares_covariance(frames: Sequence[Equations], estimate: FloatArray, 
                 likely = np.exp(judged.log_weights - top)
                 weights.append(top + np.log(likely.sum()) - 0.5 * parameters * np.log(count))  # Schwarz's penalty
                 covariances.append(candidate.covariance(shape, likely * judged.variances / likely.sum()))
+    noises = len(weights)
+    for frame in seen:
+        if frame.field is None:
+            continue
+        left = frame.residual - frame.design[..., constants:] @ estimate[constants:]
+        for weight, spread in by_pose.judged(frame.design, frame.field, left, frame.known, count):
+            weights.append(weight - 0.5 * np.log(count))  # one parameter: how large rotations are against places
+            covariances.append(frame.bread @ spread @ frame.bread)
     likely = np.exp(np.array(weights) - max(weights))
-    averaged: FloatArray = np.einsum("m,mij->ij", likely / likely.sum(), np.array(covariances))
-    return averaged
+    likely /= likely.sum()
+    return np.einsum("m,mij->ij", likely, np.array(covariances)), float(likely[noises:].sum())
 
 
 def _drift_precision(design: FloatArray, constants: int) -> FloatArray:
@@ -125,6 +130,7 @@ class _Frequencies:
             waves = dct(np.eye(min(SLOW_HALF_WAVES, poses), poses), type=3, axis=1, norm="ortho")
             mixed = waves.T[:, None, :, None] * frame.turning[:, :, None]
             self.turning = dct(mixed.reshape(*frame.residual.shape, -1), axis=0, norm="ortho")
+        self.field = None if frame.field is None else dct(frame.field, axis=0, norm="ortho")
 
 
 class _Judged(NamedTuple):
@@ -152,7 +158,7 @@ class _Candidate:
         modelled[: frame.constants] = True
         modelled[frame.drifts] = drifting
         self.residual = frame.residual[:count] - self.design[..., ~modelled] @ estimate[~modelled]
-        self.spectra = _spectra(self.poses, drifting)[:, :count]
+        self.spectra = spectra(self.poses, drifting)[:, :count]
         self.inverse_spectra, self.log_volumes = 1 / self.spectra, np.log(self.spectra).sum(axis=1)
         random = np.full((len(self.spectra), modelled.sum() - frame.constants), DRIFT_SDS**2)
         self.turning = None
@@ -236,25 +242,3 @@ class _Candidate:
         taken = np.tensordot(scaled @ np.linalg.inv(judged.normal[best]), scaled, axes=([0, 2], [0, 2]))
         expected: FloatArray = (left.T / self.spectra[best]) @ left + judged.variances[best] * taken
         return expected
-
-
-@lru_cache(maxsize=4)
-def _spectra(count: int, drifting: bool) -> FloatArray:
-    """Return the family's variances (M, count), one for each frequency, of mean one; white noise first.
-
-    Beside a steady drift memories are short. All kinds of noise ask for the same ones; not to be written to.
-    """
-    short = FILTER_MEMORY * count
-    longest, of_filter = (short, short) if drifting else (count, max(short, FILTER_POSES))
-    frequency = 2 * np.sin(np.pi * np.arange(count) / (2 * count))
-    family = [np.ones(count)]
-    for memory in np.geomspace(1.0, count, MEMORIES):
-        for order, limit in ((1, longest), (2, of_filter)):
-            if memory > max(1.0, limit):
-                continue
-            with_memory = (memory**-2 + frequency**2) ** -float(order)
-            with_memory /= with_memory.mean()
-            family += [white + (1 - white) * with_memory for white in WHITE_SHARES]
-    variances = np.array(family)
-    variances.setflags(write=False)
-    return variances

@@ -145,7 +145,7 @@ def _covariance(
         Equations(design, residual, IN_TRACKER, levers),
         Equations(in_tool @ design, (in_tool @ residual[..., None])[..., 0], IN_TOOL),
     ]
-    return least_squares_covariance(frames, solution, CONSTANTS)
+    return least_squares_covariance(frames, solution, CONSTANTS)[0]
 
 
 def _require_tip(found: PivotCalibration) -> None:

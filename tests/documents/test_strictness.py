@@ -38,7 +38,7 @@ from ronnaplan.robot.arm.forward import forward
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.camera import RIG, Boards, Camera
 from ronnaplan.robot.chain import OTS, TCP, Capture, M, R
-from ronnaplan.robot.hand_eye import HandEye
+from ronnaplan.robot.hand_eye_found import HandEye
 from ronnaplan.robot.markers import RobotMarkers, register_robot_markers
 from ronnaplan.robot.pivot import calibrate_pivot
 from ronnaplan.robot.placement.placement import Place as RobotPlace
