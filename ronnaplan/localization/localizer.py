@@ -91,9 +91,9 @@ def localize(
     markers = _from_the_top(together(scan, [one for one in judged if one.is_marker]))
     examined = [*(one for one in examined if not one.is_marker), *judged]
     fiducials, rejected = _numbered(scan, markers), _rejected(examined, markers)
-    wrong, departure_mm = _distortion(scan, examined, markers, marker), None
+    distorted, departure_mm = _distortion(scan, examined, markers, marker), None
     if template is not None:
-        fiducials, others, departure_mm = _by_template(template, fiducials, wrong)
+        fiducials, others, departure_mm = _by_template(template, fiducials, distorted)
         rejected = (*others, *rejected)
     result = Fiducials(
         tuple(fiducials),
@@ -107,7 +107,7 @@ def localize(
         distance_error_mm=departure_mm,
         profile_axis=scan.profile_axis,
         summed_first=None if scan.summed == UNTOLD else scan.summed.first,
-        distortion=wrong,
+        distortion=distorted,
     )
     _tell(result)
     require_count(result, expected, volume, progress)
@@ -127,7 +127,7 @@ def _examined(
     for diameter in diameters:
         _check_size(scan, diameter)
     examined = examine(scan, diameters, marker, progress)
-    thick = as_thick(scan, examined, lambda thick, wanted: examine_places(thick, wanted, marker, progress))
+    thick = as_thick(scan, examined, lambda other, wanted: examine_places(other, wanted, marker, progress))
     if thick is not scan:
         scan, examined = thick, examine(thick, diameters, marker, progress)
     scan = as_summed(scan, examined, marker)
@@ -151,18 +151,18 @@ def _distortion(
 
 
 def _by_template(
-    template: Template, fiducials: list[Fiducial], wrong: str | None
+    template: Template, fiducials: list[Fiducial], distorted: str | None
 ) -> tuple[list[Fiducial], tuple[Rejected, ...], float]:
     """Return the template's markers, the others, and by how much distances depart (mm).
 
-    A refusal says what may be ``wrong`` with the scan's geometry, too.
+    A refusal says how the scan may be ``distorted``, too.
     """
     try:
         kept, others = match_template(template, fiducials)
     except RefusedError as error:
-        if wrong is None:
+        if distorted is None:
             raise
-        raise RefusedError(f"{error}; {wrong}") from error
+        raise RefusedError(f"{error}; {distorted}") from error
     return kept, others, distance_error_mm(template, kept)
 
 
