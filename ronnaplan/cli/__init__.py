@@ -140,7 +140,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 
 def _require_inputs_kept(given: Mapping[str, object]) -> None:
-    """Raise `UsageError` where the file to write is one that is read: a recording that is replaced is lost."""
+    """Raise `UsageError` where the file to write is one that is read, or a scan's: what is replaced is lost."""
     output = _file(given.get("output"))
     for name, value in given.items():
         named = value if isinstance(value, (list, tuple)) else (value,)
@@ -148,6 +148,22 @@ def _require_inputs_kept(given: Mapping[str, object]) -> None:
             raise UsageError(
                 f"-o {given['output']} is a file that is read here, and would be lost; name another one"
             )
+    if output is not None and _is_scanned(str(given["output"])):
+        raise UsageError(f"-o {given['output']} is a DICOM image, and would be lost; name another file")
+
+
+def _is_scanned(path: str) -> bool:
+    """Whether a file is a DICOM image, which no verb writes to a single file: one of a folder that is read, say."""
+    from ronnaplan.ct.files import DiskFile
+    from ronnaplan.ct.header import read_header
+    from ronnaplan.ct.limits import Limits
+
+    status = Path(path).stat()
+    try:
+        header = read_header(DiskFile(path, status.st_size, status.st_mtime_ns), Limits())
+    except InputError:
+        return False
+    return header.pixel_tag is not None
 
 
 def _file(named: object) -> tuple[int, int] | None:

@@ -15,7 +15,7 @@ from ronnaplan.documents.registration import FORMAT as REGISTRATION
 from ronnaplan.documents.registration import RegistrationDocument, read_registration
 from ronnaplan.documents.registration_exports import registration_csv, registration_markups
 from ronnaplan.documents.ros import ros_transform
-from ronnaplan.documents.table import csv_table
+from ronnaplan.documents.table import TABLE_ENDINGS, csv_table
 from ronnaplan.errors import UsageError, check_type
 
 if TYPE_CHECKING:
@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 
 DICOM = "dicom"
 TRE_MAP = "tre-map"
-ENDINGS = {"itk": (".tfm", ".txt"), "markups": MARKUPS_ENDINGS}
-"""What files must be called where the program that reads them goes by the name: ITK takes a `.h5` for HDF5."""
+ENDINGS = {"itk": (".tfm", ".txt"), "markups": MARKUPS_ENDINGS, "csv": TABLE_ENDINGS}
+"""What files must be called where the program that reads them goes by the name: ITK takes a `.h5` for HDF5, Slicer a
+`.fcsv` for its own points, of which a header says whether they are LPS or RAS."""
 
 Exportable = FiducialsDocument | RegistrationDocument
 

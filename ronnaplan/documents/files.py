@@ -200,9 +200,8 @@ def _check_place(path: str | os.PathLike[str], target: Path) -> None:
     if Path(path).exists() and not Path(path).is_file():
         raise InputError(f"{os.fspath(path)} is no regular file; give the path of a file to write")
     if not target.parent.is_dir():
-        raise InputError(
-            f"cannot write {os.fspath(path)}: the folder {target.parent} does not exist; make it first"
-        )
+        wrong = "is a file; name a folder" if target.parent.exists() else "does not exist; make it first"
+        raise InputError(f"cannot write {os.fspath(path)}: the folder {target.parent} {wrong}")
     if not os.access(target.parent, os.W_OK):
         raise UnwrittenError(
             f"cannot write {os.fspath(path)}: the folder {target.parent} may not be written to; make that place "

@@ -12,6 +12,7 @@ import numpy as np
 
 from ronnaplan.documents.markups import LPS_AXES, MARKUPS_ENDINGS, SCHEMA
 from ronnaplan.documents.reading import plain_json
+from ronnaplan.documents.table import TABLE_ENDINGS
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.planning.electrodes import electrode_named
@@ -33,7 +34,6 @@ CONTACTS_HEADER = (
     *("name", "electrode", "contact", "x", "y", "z", "depth_mm", "coordinate_system", "frame_of_reference_uid"),
 )
 NEEDED = CSV_HEADER[:7]
-TABLE_ENDINGS = (".csv", ".txt", ".tsv")
 ENDINGS = {"markups": MARKUPS_ENDINGS, "csv": TABLE_ENDINGS, "contacts": TABLE_ENDINGS}
 """What files must be called where the program that reads them goes by the name."""
 POINTS_ENDING = ".fcsv"

@@ -105,7 +105,7 @@ def _require_columns(path: Path, header: list[str]) -> None:
     missing = [axis for axis in "xyz" if axis not in header]
     if missing:
         of_matrix = lacking(header)
-        of_place = "x, y, z in mm, or m00 to m33, and one reading in each row"
+        of_place = "a first line with x, y, z (mm) or m00 to m33, and one reading in each row below"
         expected = "all of a matrix, row by row" if of_matrix else of_place
         raise InputError(
             f"{path} has columns {', '.join(header[:MOST_COLUMNS])} but no {', '.join(of_matrix or missing)}; "

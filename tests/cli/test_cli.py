@@ -207,6 +207,17 @@ def test_no_file_that_is_read_is_replaced(
     assert (tmp_path / "readings.csv").read_text() == "x,y,z\n"
 
 
+@pytest.mark.parametrize("command", ["localize {ct} --diameter 11.5", "plan new {ct}", "schema plan"])
+def test_no_image_of_a_scan_is_replaced(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    image = tmp_path / "CT0001.dcm"
+    image.write_bytes((ROOT / "data" / "synthetic_ct" / image.name).read_bytes())
+    before = image.read_bytes()
+    status, _, told = run([*command.format(ct=tmp_path).split(), "-o", str(image)], capsys)
+    assert (status, told.count("\n")) == (2, 1)
+    assert "CT0001.dcm is a DICOM image, and would be lost" in told
+    assert image.read_bytes() == before
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="the system has other words for it")
 @pytest.mark.parametrize(
     "command",

@@ -243,3 +243,9 @@ def test_a_folder_that_may_not_be_written_to_is_told_before_anything_is_computed
     monkeypatch.setattr(os, "access", lambda path, mode: (Path(path), mode) != (tmp_path, os.W_OK))
     with pytest.raises(UnwrittenError, match="may not be written to; make that place writable"):
         check_target(tmp_path / "fiducials.json")
+
+
+def test_a_file_where_a_folder_is_meant_is_told_as_such(tmp_path: Path) -> None:
+    (tmp_path / "results").write_text("")
+    with pytest.raises(InputError, match="results is a file; name a folder"):
+        check_target(tmp_path / "results" / "fiducials.json")

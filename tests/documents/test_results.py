@@ -136,6 +136,7 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda path: write_as(path.with_name("m.fcsv"), path, "markups"),
         r"ends in \.mrk\.json",
     ),
+    "no table's name": (lambda path: write_as(path.with_name("m.fcsv"), path, "csv"), r"ends in \.csv or \.txt"),
     "of fiducials": (
         lambda path: write_as(path.with_name("m.nii"), cases.fiducials(), "tre-map", "x"),
         "fiducials cannot become 'tre-map'; choose one of markups, csv, dicom",

@@ -111,7 +111,7 @@ def test_a_first_line_that_tells_a_spreadsheet_the_delimiter_is_heard(tmp_path: 
         ("x,y,z\n[µm],[µm],[µm]\n1,2,3\n", r"column 'x \[µm\]'; expected it in mm"),
         (
             "frame,m0_x,m0_y,m0_z\n1,2,3,4\n",
-            "but no x, y, z; expected x, y, z in mm, or m00 to m33, and one reading in each row",
+            r"but no x, y, z; expected a first line with x, y, z \(mm\) or m00 to m33, and one reading in each row",
         ),
         ("x,y,z,length_unit\n1,2,3,cm\n", "unit is 'cm'"),
         (
