@@ -43,5 +43,5 @@ DOCUMENTS: Final[Mapping[str, type[DocumentModel]]] = {
 def schema(name: str) -> dict[str, Any]:
     """Return the JSON Schema (draft 2020-12) of the document called ``name``; `UsageError` with the known names."""
     if name not in DOCUMENTS:
-        raise UsageError(f"no file is called {name!r}; choose one of {', '.join(DOCUMENTS)}")
+        raise UsageError(f"no document is called {name!r}; choose one of {', '.join(DOCUMENTS)}")
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **DOCUMENTS[name].model_json_schema()}
