@@ -19,6 +19,9 @@ from ronnaplan.robot.spectra import beside_a_field
 
 SHARES = (1.0, 10.0, 100.0)
 """Variances of the field, in those of the noise beside it: some hundredths of it are left."""
+ALIKE = 10.0
+"""Variance of what is alike in all poses, in that of what differs: over a recording an arm's axes and reach, and the
+way to the tracker, change little."""
 ROUNDS = 3
 """Each weighs rotations and places by the noise that the one before it tells."""
 LEAST_VARIANCE = 1e-12
@@ -28,13 +31,14 @@ LEAST_VARIANCE = 1e-12
 def field(robot_from_m: FloatArray, robot_from_tcp: FloatArray, sds: FloatArray) -> FloatArray:
     """Return (N, 6, 78): what the field's unknowns, each of about unit size, add to the poses of M, in its axes.
 
-    They turn and shift the TCP (N, 4, 4) in R by ``sds`` (6,) for each number of its pose: for one, its place, in the
-    usual distance from R's origin, as an arm errs by its reach, and its rotation.
+    They turn and shift the TCP (N, 4, 4) in R by ``sds`` (6,) for each number of its pose: for one, which is the same
+    in all (`ALIKE`), its place, in the usual distance from R's origin, as an arm errs by its reach, and its rotation.
     """
     places = robot_from_tcp[:, :3, 3]
     usual = np.sqrt((places**2).sum(axis=1).mean())
     rotations = robot_from_tcp[:, :3, :3].reshape(-1, 9)
-    numbers = np.hstack([np.ones((len(places), 1)), places / usual, rotations / np.sqrt(3)]) / np.sqrt(3)
+    alike = np.full((len(places), 1), np.sqrt(ALIKE))
+    numbers = np.hstack([alike, places / usual, rotations / np.sqrt(3)]) / np.sqrt(3)
     to_m = robot_from_m[:, :3, :3].swapaxes(1, 2)
     moved = np.zeros((len(places), 6, 6))
     moved[:, :3, :3] = moved[:, 3:, 3:] = to_m
@@ -53,13 +57,16 @@ def judged(
     """
     constant = np.diag(known) == 0
     joined = np.concatenate([design[..., constant], field, residual[..., None]], axis=2)
+    constants = int(constant.sum())
     carried = np.einsum("kci,kcs->is", design, field)
     for i, spectrum in enumerate(beside := beside_a_field(len(design))):
         deviations = np.sqrt(spectrum)[:, None, None]
         prior = np.log(len(beside) - 1) if i else 0.0  # white noise is as likely beforehand as all others
         volume = 0.5 * residual.shape[1] * np.log(spectrum[:count]).sum()
+        of_kinds = (joined / deviations)[:count].reshape(count, 2, 3, -1).swapaxes(0, 1).reshape(2, 3 * count, -1)
+        products = of_kinds.swapaxes(1, 2) @ of_kinds
         for share in SHARES:
-            found = _judge((joined / deviations)[:count], int(constant.sum()), share)
+            found = _judge(products, constants, residual[:count].size - constants, share)
             scores = design * deviations * np.sqrt(found.noise)[:, None]
             spread = np.einsum("kci,kcj->ij", scores, scores) + found.variance * carried @ carried.T
             yield found.log_weight - volume - prior, spread + found.noise.mean() * known
@@ -74,28 +81,26 @@ class _Judged(NamedTuple):
     """(6,): variances of the noise."""
 
 
-def _judge(joined: FloatArray, constants: int, share: float) -> _Judged:
+def _judge(products: FloatArray, constants: int, freedom: int, share: float) -> _Judged:
     """Return what a field of ``share``, in the variance of the noise, is worth.
 
-    ``joined`` (N, 6, p + s + 1) is how the p ``constants`` of the fit and the field's unknowns change the residual, and
-    that itself, with noise of about one variance.
+    ``products`` (2, p + s + 1, p + s + 1) are, of rotations and of places, the sums of how the p ``constants`` of the
+    fit and the field's unknowns change the residual, and of that itself, each times each, with noise of about one
+    variance. ``freedom`` is the number of residuals less that of constants.
     """
-    unknowns = joined.shape[2] - 1 - constants
+    unknowns = products.shape[2] - 1 - constants
     known = np.repeat([0.0, 1 / share], [constants, unknowns])
-    rows = 6 * len(joined)
-    freedom = rows - constants
-    after = np.ones(6)
+    after = np.ones(2)
     for _ in range(ROUNDS):
-        shape = after
-        scaled = (joined / np.sqrt(shape)[:, None]).reshape(rows, -1)
-        fitted, observed = scaled[:, :-1], scaled[:, -1]
-        normal = fitted.T @ fitted + np.diag(known)
-        solution = np.linalg.solve(normal, fitted.T @ observed)
-        misfit = max(float(observed @ (observed - fitted @ solution)), freedom * LEAST_VARIANCE)
-        taken = np.einsum("ij,ij->i", fitted @ np.linalg.inv(normal), fitted) * misfit / freedom
-        left = ((observed - fitted @ solution) ** 2 + taken).reshape(-1, 6).sum(axis=0) * shape
-        of_kinds = left.reshape(2, 3).mean(axis=1)
-        after = np.repeat(of_kinds / np.sqrt(of_kinds.prod()), 3)
+        of_kinds = after
+        summed = np.tensordot(1 / of_kinds, products, axes=1)
+        normal, score = summed[:-1, :-1] + np.diag(known), summed[:-1, -1]
+        solution = np.linalg.solve(normal, score)
+        misfit = max(float(summed[-1, -1] - score @ solution), freedom * LEAST_VARIANCE)
+        left = np.append(solution, -1.0)
+        after = np.einsum("i,kij,j->k", left, products, left)
+        after += misfit / freedom * np.einsum("ij,kij->k", np.linalg.inv(normal), products[:, :-1, :-1])
+        after /= np.sqrt(after.prod())
     volume = np.linalg.slogdet(normal)[1] + unknowns * np.log(share)
     log_weight = -0.5 * (freedom * np.log(misfit) + volume)
-    return _Judged(log_weight, share * misfit / freedom, shape * misfit / freedom)
+    return _Judged(log_weight, share * misfit / freedom, np.repeat(of_kinds, 3) * misfit / freedom)
