@@ -139,7 +139,7 @@ def _shape(arguments: argparse.Namespace) -> tuple[Bridge, Fitted | None]:
     radius_mm = STANDARD_RADIUS_MM if arguments.radius is None else arguments.radius
     bridge = Bridge(
         size_mm=tuple(arguments.size),
-        radius_mm=None if arguments.flat else radius_mm,
+        radius_mm=None if arguments.flat or arguments.ct else radius_mm,  # a scan's own is found below
         thickness_mm=arguments.thickness,
         marker_diameter_mm=arguments.diameter,
         marker_height_mm=arguments.height,

@@ -16,10 +16,10 @@ from ronnaplan.planning.template_layout import TemplateLayout, refusal_text
 from ronnaplan.planning.template_solid import label_place, outline
 
 PAGE_MM = (210.0, 297.0)
-VIEW_MM = (150.0, 100.0)
-"""The plate's room on the page."""
+VIEW_MM, FRONT_MM = (150.0, 100.0), (170.0, 52.0)
+"""The room on the page for the plate, and for what is seen from the front."""
 MM_PER_INCH = 25.4
-SCALES = (1, 2, 5, 10)
+SCALES = (1, 2, 5, 10, 20, 50)
 LEAST_TEXT_APART_MM = 4.0
 LINE: dict[str, Any] = {"color": "black", "linewidth": 0.8}
 THIN: dict[str, Any] = {"color": "0.45", "linewidth": 0.4}
@@ -30,9 +30,7 @@ def template_drawing(found: TemplateLayout, title: str) -> Figure:
     """Return the page: flat pattern, view from the front, holes, distances, tolerances."""
     figure = Figure(figsize=(PAGE_MM[0] / MM_PER_INCH, PAGE_MM[1] / MM_PER_INCH))
     FigureCanvasAgg(figure)
-    width, depth = _span(found)
-    fitting = (one for one in SCALES if width / one <= VIEW_MM[0] and depth / one <= VIEW_MM[1])
-    scale = next(fitting, SCALES[-1])
+    scale = _scale(found)
     figure.text(0.06, 0.965, title, fontsize=13)
     figure.text(0.06, 0.95, f"scale 1:{scale} on A4; all lengths in mm", fontsize=SMALL)
     _draw_pattern(_pane(figure, (15, 145, 180, 130)), found, scale)
@@ -63,10 +61,26 @@ def _pane(figure: Figure, box_mm: tuple[float, float, float, float]) -> Any:
     return axes
 
 
-def _span(found: TemplateLayout) -> tuple[float, float]:
-    """Return the flat plate's real width and depth."""
-    width, depth = np.ptp(np.concatenate(outline(found)), axis=0).tolist()
-    return width, depth
+def _scale(found: TemplateLayout) -> int:
+    """Return one to how many both views are drawn, so that they have room."""
+    sizes = np.array([np.ptp(np.concatenate(outline(found)), axis=0), np.ptp(_front_ends(found), axis=0)])
+    return next(one for one in SCALES if (sizes / one <= np.array([VIEW_MM, FRONT_MM])).all())
+
+
+def _front_plate(found: TemplateLayout) -> FloatArray:
+    """Return the plate's outline (N, 2) as seen from the front."""
+    places = np.concatenate(outline(found))
+    across = np.linspace(places[:, 0].min(), places[:, 0].max(), 181)
+    rows = [np.stack([across, 0 * across, 0 * across + z], axis=1) for z in (0.0, found.bridge.thickness_mm)]
+    lower, upper = (found.bridge.bent(row)[:, [0, 2]] for row in rows)
+    return np.vstack([lower, upper[::-1], lower[:1]])
+
+
+def _front_ends(found: TemplateLayout) -> FloatArray:
+    """Return the least and the greatest (2, 2) of what is seen from the front, markers included."""
+    plate, centers, radius = _front_plate(found), found.centers_mm[:, [0, 2]], found.bridge.marker_diameter_mm / 2
+    ends = np.vstack([plate, centers - radius, centers + radius])
+    return np.stack([ends.min(axis=0), ends.max(axis=0)])
 
 
 def _draw_pattern(axes: Any, found: TemplateLayout, scale: int) -> None:
@@ -111,12 +125,9 @@ def _ordinates(axes: Any, holes: FloatArray, axis: int, edge: float, lengths: Fl
 def _draw_front(axes: Any, found: TemplateLayout, scale: int) -> None:
     """Draw the plate and its markers as seen from the front."""
     bridge = found.bridge
-    places = np.concatenate(outline(found))
-    across = np.linspace(places[:, 0].min(), places[:, 0].max(), 181)
-    rows = [np.stack([across, 0 * across, 0 * across + z], axis=1) for z in (0.0, bridge.thickness_mm)]
-    lower, upper = (bridge.bent(row)[:, [0, 2]] for row in rows)
-    shift = np.array([0.0, -(lower[:, 1].min() + found.centers_mm[:, 2].max()) / 2])
-    ring = (np.vstack([lower, upper[::-1], lower[:1]]) + shift) / scale
+    ends = _front_ends(found)
+    shift = -ends.mean(axis=0)
+    ring = (_front_plate(found) + shift) / scale
     axes.plot(ring[:, 0], ring[:, 1], **LINE)
     turn = np.linspace(0, 2 * np.pi, 73)
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=1) * bridge.marker_diameter_mm / 2 / scale
@@ -130,7 +141,7 @@ def _draw_front(axes: Any, found: TemplateLayout, scale: int) -> None:
         f"from the front: {shape}, thickness {bridge.thickness_mm:g}, marker centers {bridge.marker_height_mm:g} "
         "above the upper surface"
     )
-    axes.text(0, ring[:, 1].min() - 4, text, fontsize=SMALL, ha="center", va="top")
+    axes.text(0, (ends[0, 1] + shift[1]) / scale - 4, text, fontsize=SMALL, ha="center", va="top")
 
 
 def _dimension(axes: Any, start: tuple[float, float], end: tuple[float, float], text: str) -> None:

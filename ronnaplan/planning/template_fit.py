@@ -57,10 +57,10 @@ def bent_to_scalp(bridge: Bridge, sites: Sites, at_mm: FloatArray | None = None)
             "does not show the head there"
         )
 
-    curvatures = np.linspace(1.0 / FLATTEST_MM, 2.0 / bridge.size_mm[0], CURVATURES)
-    widest_mm, radius_mm, lift_mm = min(
-        _lying(beneath, 1.0 / one, bridge.size_mm[0]) for one in curvatures.tolist()
-    )
+    width_mm = bridge.size_mm[0]
+    curvatures = np.linspace(1.0 / FLATTEST_MM, 2.0 / width_mm, CURVATURES)
+    radii_mm = np.maximum(1.0 / curvatures, width_mm / 2)  # not less by a rounding
+    widest_mm, radius_mm, lift_mm = min(_lying(beneath, one, width_mm) for one in radii_mm.tolist())
     pose = np.eye(4)
     pose[:3, :3] = axes.T
     pose[:3, 3] = places[near] + lift_mm * axes[2]

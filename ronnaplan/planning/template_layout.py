@@ -42,6 +42,8 @@ ENGRAVED_MM = 0.8
 """How deep labels are engraved: a plate is thicker."""
 TOLERANCE_SDS = 4.0
 """A distance in a scan departs from the drawing's by less, in standard deviations."""
+LONGEST_MM, LARGEST_RADIUS_MM = 500.0, 1e5
+"""No plate for a head, nor its markers, is larger; bent to a larger radius it is flat."""
 STANDARD_RADIUS_MM = 80.0
 """Of the lower surface from ear to ear, where no scan tells: a head 152 mm wide, and 4 mm of room."""
 
@@ -104,6 +106,12 @@ class Bridge:
                 f"{self.print_tolerance_mm:g} mm and screwed within {self.screw_play_mm:g} mm were asked for; expected "
                 "nothing below zero, and a diameter above"
             )
+        longest_mm = max(width, depth, self.thickness_mm, self.marker_diameter_mm, self.marker_height_mm)
+        if longest_mm > LONGEST_MM or (self.radius_mm or 0.0) > LARGEST_RADIUS_MM:
+            raise InputError(
+                f"a template with a length of {longest_mm:g} mm, bent to a radius of {self.radius_mm or 0:g} mm, was "
+                f"asked for; expected up to {LONGEST_MM:g} mm, and a radius up to {LARGEST_RADIUS_MM:g} mm or none"
+            )
         if self.thickness_mm <= ENGRAVED_MM:
             raise InputError(
                 f"a template {self.thickness_mm:g} mm thick was asked for; expected more than {ENGRAVED_MM:g} mm, the "
@@ -126,7 +134,8 @@ class Bridge:
             )
         if not 0 < self.hole_diameter_mm < self.pad_radius_mm:
             raise InputError(
-                f"holes of {self.hole_diameter_mm:g} mm were asked for; expected up to {self.pad_radius_mm:g} mm"
+                f"holes of {self.hole_diameter_mm:g} mm were asked for; expected more than 0 and less than "
+                f"{self.pad_radius_mm:g} mm"
             )
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from ronnaplan.cli import main
 from ronnaplan.documents.template import read_template_document
+from tests.cases import CT
 from tests.planning.test_template import read_body
 
 
@@ -79,3 +80,13 @@ def test_who_wants_four_flat_markers_is_told_what_their_mirror_image_costs(
     assert main(["plan", "template", "--markers", *options, "-o", str(tmp_path / "t.stl")]) == 0
     told = capsys.readouterr()
     assert ("their own mirror image" in told.out + told.err) is is_told
+
+
+def test_a_plate_for_a_scan_may_be_wider_than_a_standard_head_is_bent(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    size = ["--markers", "3", "--size", "170", "60"]
+    assert main(["plan", "template", *size, "-o", str(tmp_path / "t.stl")]) == 1
+    assert "170 mm wide was to be bent to a radius of 80 mm" in capsys.readouterr().err
+    assert main(["plan", "template", *size, "--ct", str(CT), "-o", str(tmp_path / "t.stl")]) == 0
+    assert "bent to a radius of 8" in capsys.readouterr().out

@@ -211,11 +211,22 @@ def test_a_plate_follows_a_scalp_and_is_as_near_as_is_told(
     assert np.linalg.det(fitted.lps_from_template[:3, :3]) == pytest.approx(1.0)
 
 
-def test_places_off_the_scalp_or_on_the_face_are_refused() -> None:
-    rng = np.random.default_rng(1)
-    normals = rng.normal(size=(4000, 3))
+def round_head(radius_mm: float) -> Sites:
+    normals = np.random.default_rng(1).normal(size=(4000, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    sites = Sites(90.0 * normals, normals, np.zeros(3))
+    return Sites(radius_mm * normals, normals, np.zeros(3))
+
+
+@pytest.mark.parametrize("width_mm", [180.0, 210.0])
+def test_a_plate_that_is_bent_most_to_a_small_head_is_one_that_can_be_made(width_mm: float) -> None:
+    """Half of some widths is not the reciprocal of its own reciprocal."""
+    fitted = bent_to_scalp(Bridge(size_mm=(width_mm, 80.0), radius_mm=None), round_head(50.0))
+    assert fitted.bridge.radius_mm == width_mm / 2
+    fitted.bridge.check()
+
+
+def test_places_off_the_scalp_or_on_the_face_are_refused() -> None:
+    sites = round_head(90.0)
     with pytest.raises(InputError, match="off the scalp"):
         bent_to_scalp(Bridge(), sites, np.array([0.0, 0.0, 150.0]))
     with pytest.raises(RefusedError, match="faces the front or the back"):
@@ -235,6 +246,9 @@ def test_places_off_the_scalp_or_on_the_face_are_refused() -> None:
         (Bridge(clearance_mm=-5.0), "-5 mm apart"),
         (Bridge(print_tolerance_mm=-1.0), "nothing below zero"),
         (Bridge(screw_play_mm=-1.0), "nothing below zero"),
+        (Bridge(size_mm=(2000.0, 80.0), radius_mm=1000.0), "a length of 2000 mm, .* expected up to 500 mm"),
+        (Bridge(marker_height_mm=1e6), "expected up to 500 mm"),
+        (Bridge(radius_mm=1e17), "a radius of 1e\\+17 mm, was asked for"),
     ],
 )
 def test_plates_that_cannot_be_are_refused(bridge: Bridge, sentence: str) -> None:
@@ -269,3 +283,23 @@ def test_the_drawing_is_to_scale_and_the_same_each_time(four: TemplateLayout) ->
         first, second = (drawing_file(template_drawing(four, "t"), kind) for _ in range(2))
         assert first.startswith(start)
         assert first == second
+
+
+@pytest.mark.parametrize(
+    "bridge",
+    [
+        Bridge(),
+        Bridge(marker_diameter_mm=60.0, marker_height_mm=30.0),
+        Bridge(marker_height_mm=500.0),
+        Bridge(size_mm=(500.0, 500.0), radius_mm=250.0, thickness_mm=500.0),
+    ],
+)
+def test_all_lines_of_a_drawing_lie_in_their_pane(bridge: Bridge) -> None:
+    reach = bridge.reach_mm
+    found = TemplateLayout(bridge, np.array([[-reach[0], -reach[1]], [0.2 * reach[0], reach[1]], [reach[0], 0.0]]))
+    pattern, front = template_drawing(found, "t").axes
+    for axes in (pattern, front):
+        drawn = np.concatenate([np.column_stack(line.get_data()) for line in axes.lines])
+        assert (np.abs(drawn) <= [axes.get_xlim()[1], axes.get_ylim()[1]]).all()
+    texts = [text for text in pattern.texts if text.get_text()]
+    assert all(np.abs(text.get_position()).max() < pattern.get_xlim()[1] for text in texts)
