@@ -13,6 +13,9 @@ from ronnaplan.cli.values import whole
 
 if TYPE_CHECKING:
     from ronnaplan.documents.chain import ChainDocument
+    from ronnaplan.geometry import FloatArray
+    from ronnaplan.pose import Pose
+    from ronnaplan.robot.chain import Capture
     from ronnaplan.tracking import Recording
 
 HELP = "Join the links from scan to robot, by the tracker or by re-localized markers, with covariance."
@@ -22,6 +25,8 @@ OF_TRACKER = ("frame", "tool", "sigma_geometry", "sigma_ots", "sigma_robot", "si
 OF_STEREO = ("expected", "sigma_ct")
 ELSEWHERE_MM, ELSEWHERE_DEG = 3.0, 1.0
 """Robot and tracker that have not been moved come nearer than this to where the tool's calibration had them."""
+FAR = 10.0
+"""So many times as far off nothing comes back there by chance where poses are read in another way."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -109,19 +114,39 @@ def _by_tracker(arguments: argparse.Namespace) -> ChainDocument:
     )
     notes = (*registration.doubts, *registration.notes, *hand_eye.notes, *tracker.notes, *robot.notes)
     notes += other_tool(hand_eye.tool, tool or next(iter(tracker.tool_names), None))
-    notes += _elsewhere(*capture.moved_since(hand_eye.base_pose))
+    notes += _elsewhere(capture, hand_eye.base_pose)
     middle = np.array([pair.center for pair in registration.pairs]).mean(axis=0)
     return tracked_chain(registration.pose, capture, registration.source, middle, notes)
 
 
-def _elsewhere(shift_mm: float, turn_deg: float) -> tuple[str, ...]:
-    """Say that robot and tracker do not stand to each other as they did when the tool was calibrated."""
-    if shift_mm < ELSEWHERE_MM and turn_deg < ELSEWHERE_DEG:
+def _elsewhere(capture: Capture, base: Pose) -> tuple[str, ...]:
+    """Say that robot and tracker do not stand to each other as they did when the tool was calibrated.
+
+    Raises `RefusedError` where a mistake in the poses explains it.
+    """
+    from dataclasses import replace
+
+    from ronnaplan.errors import RefusedError
+    from ronnaplan.robot.misread import mistake_in
+
+    def stand(tracker: FloatArray, robot: FloatArray) -> bool:
+        seen = replace(capture.ots_from_m, matrix=tracker[0])
+        driven = replace(capture.robot_from_tcp, matrix=robot[0])
+        shift_mm, turn_deg = replace(capture, ots_from_m=seen, robot_from_tcp=driven).moved_since(base)
+        return shift_mm < ELSEWHERE_MM and turn_deg < ELSEWHERE_DEG
+
+    tracker, robot = capture.ots_from_m.matrix[None], capture.robot_from_tcp.matrix[None]
+    if stand(tracker, robot):
         return ()
-    return (
+    shift_mm, turn_deg = capture.moved_since(base)
+    said = (
         f"robot and tracker stand {shift_mm:.0f} mm and {turn_deg:.1f} degrees otherwise to each other than in the "
-        "hand-eye calibration: if neither was moved since, recordings are mixed up or not in mm",
+        "hand-eye calibration"
     )
+    far = shift_mm > FAR * ELSEWHERE_MM or turn_deg > FAR * ELSEWHERE_DEG
+    if far and (misread := mistake_in(tracker, robot, stand)):
+        raise RefusedError(f"{said}, and as in it if {misread}; turn them into matrices, or a quaternion, anew")
+    return (f"{said}: if neither was moved since, recordings are mixed up or not in mm",)
 
 
 def _by_stereo(arguments: argparse.Namespace) -> ChainDocument:
@@ -134,7 +159,8 @@ def _by_stereo(arguments: argparse.Namespace) -> ChainDocument:
     found = register_robot_markers(
         fiducials.points, spheres.markers, expected=arguments.expected, sigma_ct_mm=arguments.sigma_ct
     )
-    notes = (*fiducials.doubts, *(str(flag) for flag in found.registration.flags), *spheres.notes)
+    flags = (str(flag) for flag in found.registration.flags)
+    notes = (*fiducials.doubts, *flags, *found.notes, *spheres.notes)
     return stereo_chain(found, fiducials.source, found.registration.moving_mm.mean(axis=0), notes)
 
 

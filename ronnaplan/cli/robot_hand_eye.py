@@ -32,9 +32,9 @@ def run(arguments: argparse.Namespace) -> int:
 
     pivot = read_pivot(arguments.pivot) if arguments.pivot else None
     tracker, robot = read_recording(arguments.tracker), read_recording(arguments.robot)
+    seen, driven = tool_poses(tracker, arguments.tool), tool_poses(robot)
     for recording in (tracker, robot):
         require_numbered(recording)
-    seen, driven = tool_poses(tracker, arguments.tool), tool_poses(robot)
     frames, ots_from_m, robot_from_tcp = simultaneous(seen, driven)
     found = calibrate_hand_eye(ots_from_m, robot_from_tcp, frames=frames)
     if pivot is not None:

@@ -109,8 +109,8 @@ def read_looks(arguments: argparse.Namespace) -> tuple[dict[int, ImagePair], Flo
     from ronnaplan.tracking import read_recording
 
     looks, robot = read_pairs(arguments.looks), read_recording(arguments.robot)
-    require_numbered(robot)
     driven = tool_poses(robot)
+    require_numbered(robot)
     lacking = next((frame for frame in looks if frame not in driven), None)
     if lacking is not None:
         raise InputError(f"{arguments.robot} has no pose of frame {lacking}, which {arguments.looks} shows")

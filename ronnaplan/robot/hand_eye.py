@@ -34,6 +34,7 @@ from ronnaplan.robot.hand_eye_found import HandEye
 from ronnaplan.robot.hand_eye_start import FINEST, closed_form, discrepancies, far_off, out_of_step, which_are_far
 from ronnaplan.robot.hand_eye_step import Step, step_in
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
+from ronnaplan.robot.misread import mistake_in
 from ronnaplan.robot.pivot import LONGEST_TOOL_MM
 
 FEWEST_POSES = 4
@@ -85,11 +86,12 @@ def calibrate_hand_eye(
     seen, driven = seen[told], driven[told]
     if np.abs(seen - driven).max() < SAME_POSES:
         raise InputError("the poses of robot and tracker are the same; expected a recording of either")
-    require_two_axes(driven[:, :3, :3], "M from TCP")
+    for whose, poses in (("robot", driven), ("tracker", seen)):
+        require_two_axes(poses[:, :3, :3], "M from TCP", whose)
     left, right = closed_form(seen, driven)
     found = _refine(seen, driven, left, right)
     far, step = far_off(seen, driven), _step(seen, driven, left, right)
-    if not _agree(found):
+    if not _agree(found.rotation_rms_deg, found.translation_rms_mm):
         numbers = range(len(told)) if frames is None else [frames[one] for one in told]
         raise RefusedError(_contradiction(found, seen, driven, far, step, numbers))
     away_mm = float(np.linalg.norm(found.m_from_tcp.translation_mm))
@@ -104,8 +106,15 @@ def calibrate_hand_eye(
     return replace(found, far=tuple(map(int, told[far])), out_of_step=late, step=step, repeated=repeated)
 
 
-def _agree(found: HandEye) -> bool:
-    return found.rotation_rms_deg <= LARGEST_ROTATION_DEG and found.translation_rms_mm <= LARGEST_TRANSLATION_MM
+def _agree(rotation_deg: float, translation_mm: float) -> bool:
+    return rotation_deg <= LARGEST_ROTATION_DEG and translation_mm <= LARGEST_TRANSLATION_MM
+
+
+def _belong_together(seen: FloatArray, driven: FloatArray) -> bool:
+    """Tell it by the closed form, which there is of any poses (N, 4, 4), also of such as turn about one axis."""
+    error = discrepancies(seen, driven, *closed_form(seen, driven))
+    angle, length = np.sqrt((error.reshape(-1, 2, 3) ** 2).sum(axis=2).mean(axis=0))
+    return _agree(np.degrees(angle), length)
 
 
 def _contradiction(
@@ -122,22 +131,27 @@ def _contradiction(
         f"{found.translation_rms_mm:.2f} mm RMS, expected at most {LARGEST_ROTATION_DEG:g} and "
         f"{LARGEST_TRANSLATION_MM:g}"
     )
-    if far.any() and _agree(_fitted(seen[~far], driven[~far])):
+    if far.any() and _belong_together(seen[~far], driven[~far]):
         which, advice = which_are_far(frames, np.flatnonzero(far).tolist())
         return f"{said}: {which}; {advice}"
-    if step and all(_agree(_fitted(a, b)) for a, b in zip(*map(step.parts, (seen, driven)), strict=True)):
+    if step and all(_belong_together(a, b) for a, b in zip(*map(step.parts, (seen, driven)), strict=True)):
         return f"{said}: {step.told(frames)}"
-    if _agree(_fitted(invert(seen), driven)):
+    if _belong_together(invert(seen), driven):
         return (
             f"{said}, but agree once those of either are inverted; check which are not tracker from tool, or robot "
             "from TCP"
         )
+    if misread := mistake_in(seen, driven, _belong_together):
+        return f"{said}, but agree if {misread}; turn them into matrices, or a quaternion, anew"
     if found.rotation_rms_deg <= SAME_ANGLES_DEG:
         return (
             f"{said}: the angles agree, and the places do not; check columns, signs and units of the places in both, "
             "and the order of a quaternion's numbers"
         )
-    return f"{said}; record both at the same moments, as tracker from tool and robot from TCP"
+    return (
+        f"{said}; record both at the same moments, as tracker from tool and robot from TCP, and check how their "
+        "rotations were turned into matrices"
+    )
 
 
 def _step(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> Step | None:
@@ -169,21 +183,18 @@ def with_tip(found: HandEye, tip_mm: FloatArray, tip_mm2: FloatArray) -> HandEye
     return replace(found, m_from_tcp=Pose(_motion(gain @ off) @ pose.matrix, covariance, M, TCP))
 
 
-def require_two_axes(rotations: FloatArray, unknown: str) -> None:
-    """Raise `InputError` that ``unknown`` is not determined unless robot poses (N, 3, 3) turn about two axes."""
+def require_two_axes(rotations: FloatArray, unknown: str, whose: str = "robot") -> None:
+    """Raise `InputError` that ``unknown`` is not determined unless poses (N, 3, 3) turn about two axes."""
     from scipy.spatial.transform import Rotation
 
     turns = Rotation.from_matrix(rotations[0].T @ rotations).as_rotvec()
     spread = np.degrees(np.linalg.svd(turns - turns.mean(axis=0), compute_uv=False)[1] / np.sqrt(len(turns)))
     if spread < SMALLEST_TURN_DEG:
         raise InputError(
-            f"the robot poses do not determine {unknown}: they turn by {spread:.2g} degrees RMS about their second "
-            f"axis, expected {SMALLEST_TURN_DEG:g} or more; turn the robot about two axes"
+            f"the {whose} poses do not determine {unknown}: they turn by {spread:.2g} degrees RMS about their second "
+            f"axis, expected {SMALLEST_TURN_DEG:g} or more; turn the robot about two axes, and check that radians were "
+            "not taken for degrees"
         )
-
-
-def _fitted(seen: FloatArray, driven: FloatArray) -> HandEye:
-    return _refine(seen, driven, *closed_form(seen, driven))
 
 
 def _refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> HandEye:

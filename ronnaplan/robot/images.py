@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -23,13 +24,27 @@ def read_pairs(folder: str | Path) -> dict[int, ImagePair]:
     """Return the grey images (rows, columns) of the left and the right camera by the number of their frame, in order.
 
     A file's name is the number of its frame (``007.png``). Raises `InputError` for names that are none, frames that one
-    camera lacks, and files that are no grey images.
+    camera lacks, files that are no grey images, and images of one moment under two numbers.
     """
     sides = [_numbered(Path(folder) / side) for side in ("left", "right")]
     alone = sorted(set(sides[0]) ^ set(sides[1]))
     if alone:
         raise InputError(f"{folder} shows frame {alone[0]} with one camera only; expected an image of both")
-    return {number: (read_image(sides[0][number]), read_image(sides[1][number])) for number in sorted(sides[0])}
+    pairs = {number: (read_image(sides[0][number]), read_image(sides[1][number])) for number in sorted(sides[0])}
+    _require_moments(folder, pairs)
+    return pairs
+
+
+def _require_moments(folder: str | Path, pairs: dict[int, ImagePair]) -> None:
+    """Raise `InputError` where a pair is another one to the last pixel: no camera is without noise, so it is a copy."""
+    told: dict[tuple[bytes, bytes], int] = {}
+    for number, (left, right) in pairs.items():
+        first = told.setdefault((sha256(left.tobytes()).digest(), sha256(right.tobytes()).digest()), number)
+        if first != number:
+            raise InputError(
+                f"{folder} shows the same images as frames {first} and {number}, to the last pixel; expected images of "
+                "as many moments, so leave copies out"
+            )
 
 
 def read_image(path: Path) -> Image:

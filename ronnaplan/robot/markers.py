@@ -16,7 +16,7 @@ from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, Points
 from ronnaplan.pose import Pose, point_jacobian, transform_points
-from ronnaplan.registration.marker_registration import register_markers
+from ronnaplan.registration.marker_registration import MarkerRegistration, register_markers
 from ronnaplan.registration.registration import Registration
 from ronnaplan.robot.camera import RIG, StereoRig
 from ronnaplan.robot.chain import TCP, R, to_frame
@@ -145,6 +145,8 @@ class RobotRegistration:
     """The fit alone, for its residuals."""
     labels: tuple[tuple[str, str], ...]
     """(CT marker, sphere) of each pair."""
+    notes: tuple[str, ...]
+    """Why markers or spheres were left out, and which are in no pair."""
 
 
 def register_robot_markers(
@@ -175,4 +177,9 @@ def register_robot_markers(
     covariance = fit.pose.covariance - counted + whole @ common @ whole.T
     pose = Pose(fit.transform, (covariance + covariance.T) / 2, R, ct.frame)
     pairs = tuple((ct.labels[a], spheres.labels[b]) for a, b in zip(i.tolist(), j.tolist(), strict=True))
-    return RobotRegistration(pose, fit, pairs)
+    return RobotRegistration(pose, fit, pairs, (*found.notes, *_alone(found)))
+
+
+def _alone(found: MarkerRegistration) -> tuple[str, ...]:
+    sides = (("CT markers", found.unpaired_ct), ("spheres", found.unpaired_ots))
+    return tuple(f"{what} without a partner: {', '.join(labels)}" for what, labels in sides if labels)

@@ -17,6 +17,7 @@ from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import as_poses, as_stack, cross_matrix, first_told
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
+from ronnaplan.robot.misread import as_meant
 from ronnaplan.text import counted, successive
 
 FEWEST_FOR_SCATTER = 10
@@ -105,9 +106,8 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
         )
     matrices = as_poses(offered, "pivot pose")[told]
     _require_turning(matrices[:, :3, :3])
-    rotation, shift = matrices[:, :3, :3], -matrices[:, :3, 3]
-    still = np.broadcast_to(-np.eye(3), rotation.shape)
-    design = np.concatenate([rotation, still], axis=2)
+    design, shift = _equations(matrices)
+    rotation, still = design[..., :3], design[..., 3:]
     kept, steady = _without_slips(design, shift)
     sd_mm = max(float(np.median(np.linalg.norm(design @ steady - shift, axis=1))) / MAXWELL_MEDIAN, SOFTENING_MM)
     levers = cross_matrix(rotation @ (steady[:3] / max(float(np.linalg.norm(steady[:3])), SOFTENING_MM)))
@@ -128,8 +128,21 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
         float(np.median(length) / MAXWELL_MEDIAN),
         repeated,
     )
-    _require_tip(found)
+    _require_tip(found, matrices)
     return found
+
+
+def _equations(poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what tip and pivot (6,) are multiplied by, and what it gives, of poses (N, 4, 4)."""
+    rotation = poses[:, :3, :3]
+    return np.concatenate([rotation, np.broadcast_to(-np.eye(3), rotation.shape)], axis=2), -poses[:, :3, 3]
+
+
+def _usual_length_mm(poses: FloatArray) -> float:
+    """Return how far the tip usually is from the pivot by least squares of poses (N, 4, 4), of whatever kind."""
+    design, shift = _equations(poses)
+    solution = np.linalg.lstsq(design.reshape(-1, 6), shift.ravel(), rcond=None)[0]
+    return float(np.median(np.linalg.norm(design @ solution - shift, axis=1)))
 
 
 def _covariance(
@@ -148,12 +161,20 @@ def _covariance(
     return least_squares_covariance(frames, solution, CONSTANTS)[0]
 
 
-def _require_tip(found: PivotCalibration) -> None:
-    """Raise `RefusedError` unless ``found`` is the tip of a tool that rested in a divot."""
+def _require_tip(found: PivotCalibration, poses: FloatArray) -> None:
+    """Raise `RefusedError` unless ``found`` of ``poses`` (N, 4, 4) is the tip of a tool that rested in a divot."""
     if found.rms_mm > LARGEST_RMS_MM:
-        raise RefusedError(
+        said = (
             f"the tip did not rest: its places scatter by {found.rms_mm:.2f} mm RMS, expected at most "
-            f"{LARGEST_RMS_MM:g}; check that the recording is of poses about one divot, tracker from tool in mm"
+            f"{LARGEST_RMS_MM:g}"
+        )
+        for mistake, meant in as_meant(poses):
+            if _usual_length_mm(meant) < LARGEST_RMS_MM:
+                raise RefusedError(
+                    f"{said}; it rested if in the poses {mistake}: turn them into matrices, or a quaternion, anew"
+                )
+        raise RefusedError(
+            f"{said}; check that the recording is of poses about one divot, tracker from tool in mm"
         )
     away_mm = float(np.linalg.norm(found.tip_mm))
     if away_mm > LONGEST_TOOL_MM:

@@ -99,7 +99,7 @@ def locate_sphere(
     if not found:
         counts = f"{len(lefts)} outlines left, {len(rights)} right"
         kept = [few or many for few, many in zip((lefts, rights), seen, strict=True)]
-        why = _left_open(kept, rig, diameter_mm, largest_mm) or _other_size(met, rig, diameter_mm)
+        why = _other_size(met, rig, diameter_mm) or _left_open(kept, rig, diameter_mm, largest_mm)
         why = why or _advice(lefts, rights, bool(meeting[0]))
         raise InputError(f"no sphere of {diameter_mm:g} mm is seen by both cameras ({counts}){why}")
     if len(found) > 1:

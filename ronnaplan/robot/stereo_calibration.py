@@ -160,7 +160,8 @@ def calibrate_tcp(robot_from_tcp: ArrayLike, spheres_mm: ArrayLike) -> TcpCalibr
         raise RefusedError(
             f"the sphere did not rest, or poses and images do not belong together: its places in R scatter by "
             f"{found.sd_mm:.2g} mm per axis, expected at most {LARGEST_SD_MM:g}; check the frames' numbers, that the "
-            "robot's poses are in mm, and that no camera mirrors its images"
+            "robot's poses are in mm, how their rotations were turned into matrices (the order of angles, or of a "
+            "quaternion's numbers), and that no camera mirrors its images"
         )
     return found
 

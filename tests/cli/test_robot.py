@@ -487,6 +487,48 @@ def test_squares_of_another_size_than_stated_contradict_the_sphere(home: Path) -
         require_size(spheres, rig, 11.3)
 
 
+def test_a_radius_in_the_diameter_s_place_is_told_as_such(home: Path) -> None:
+    """It was said that the cameras' calibration leaves open where the sphere is."""
+    rig, looks = read_rig(home / "rig.json").rig, read_pairs(home / "session" / "markers")
+    with pytest.raises(InputError, match=r"what looks like one of 11.5 mm: correct the diameter"):
+        in_rig({0: looks[0]}, rig, diameter_mm=5.75)
+
+
+def test_a_resting_pose_that_was_misread_is_refused_as_such(
+    home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The chain was written, with a warning, and put the head hundreds of millimetres beside its place."""
+    header, first, *_ = (home / "session" / "rest_robot.csv").read_text("utf-8").splitlines()
+    pose = np.array(first.split(",")[1:], dtype=float).reshape(4, 4)
+    scalar_first = Rotation.from_matrix(pose[:3, :3]).as_quat(scalar_first=True)
+    pose[:3, :3] = Rotation.from_quat(scalar_first).as_matrix()
+    robot = tmp_path / "rest_robot.csv"
+    robot.write_text(f"{header}\n0,{','.join(map(str, pose.ravel()))}\n", "utf-8")
+    given = {
+        "registration": home / "registration.json",
+        "hand-eye": home / "hand-eye.json",
+        "tracker": home / "session" / "rest_tracker.csv",
+        "geometry": home / "session" / "tool.json",
+        "robot": robot,
+    }
+    options = [str(part) for name, path in given.items() for part in (f"--{name}", path)]
+    assert main(["robot", "chain", *options, "-o", str(tmp_path / "chain.json")]) == 3
+    told = "and as in it if in the robot's poses the scalar is the quaternions' first number, not the last"
+    assert told in capsys.readouterr().err
+    assert not (tmp_path / "chain.json").exists()
+
+
+def test_recordings_without_rows_are_said_to_hold_no_poses(
+    home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """They were said not to number them."""
+    recorded = home / "session" / "hand_eye_robot.csv"
+    bare = tmp_path / "bare.csv"
+    bare.write_text(recorded.read_text("utf-8").splitlines()[0] + "\n", "utf-8")
+    assert main(["robot", "hand-eye", str(bare), str(recorded)]) == 1
+    assert "bare.csv holds no poses" in capsys.readouterr().err
+
+
 def test_a_tool_in_metres_is_refused(home: Path, tmp_path: Path) -> None:
     tool = read(home / "session" / "tool.json")
     tool["centers"] = (np.array(tool["centers"]) / 1000).tolist()

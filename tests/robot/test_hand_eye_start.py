@@ -1,5 +1,7 @@
 """Which poses of a hand-eye calibration are far off what the others say."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -8,6 +10,16 @@ from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.pose import invert
 from ronnaplan.robot.hand_eye import calibrate_hand_eye
 from tests.robot.test_orientation import hand_eye_poses, matrix
+
+MISREAD: list[tuple[str, Callable[[Rotation], Rotation]]] = [
+    ("the rotations are transposed", lambda turns: turns.inv()),
+    ("the scalar is .* first number", lambda turns: Rotation.from_quat(turns.as_quat(scalar_first=True))),
+    ("the scalar is .* last number", lambda turns: Rotation.from_quat(turns.as_quat(), scalar_first=True)),
+    ("the angles about Z and X", lambda turns: Rotation.from_euler("ZYX", turns.as_euler("ZYX")[:, ::-1])),
+    ("the angles are about Z, Y and X", lambda turns: Rotation.from_euler("XYZ", turns.as_euler("ZYX"))),
+    ("the angles turn about axes", lambda turns: Rotation.from_euler("zyx", turns.as_euler("ZYX"))),
+]
+"""What a program may do to the right turns, and a few words of what is told."""
 
 
 def spoilt(seen: np.ndarray, which: list[int], far_mm: float, turn_deg: float) -> np.ndarray:
@@ -70,18 +82,37 @@ def test_one_recording_the_other_way_round_is_told(which: str) -> None:
         calibrate_hand_eye(seen, driven[::-1])
 
 
-@pytest.mark.parametrize("wrong", ["columns", "mirrored", "quaternion"])
+@pytest.mark.parametrize("wrong", ["columns", "mirrored"])
 def test_places_that_are_written_otherwise_than_the_angles_are_told_as_such(wrong: str) -> None:
     """They were said to be of other moments."""
     seen, driven, *_ = hand_eye_poses(7, 40, 1e-3, 0.2)
     if wrong == "columns":
         driven[:, :3, 3] = driven[:, [1, 0, 2], 3]
-    elif wrong == "mirrored":
+    else:
         mirror = np.diag([1.0, 1, -1, 1])
         seen = mirror @ seen @ mirror
-    else:  # x, y, z, w of both where w, x, y, z belong: another unit quaternion, and turns that agree as before
-        for poses in (seen, driven):
-            turns = Rotation.from_matrix(poses[:, :3, :3]).as_quat()
-            poses[:, :3, :3] = Rotation.from_quat(turns[:, [1, 2, 3, 0]]).as_matrix()
     with pytest.raises(RefusedError, match=r": the angles agree, and the places do not; check columns, signs"):
+        calibrate_hand_eye(seen, driven)
+
+
+@pytest.mark.parametrize("whose", ["the tracker's poses", "the robot's poses", "the poses of both"])
+@pytest.mark.parametrize(("mistake", "read"), MISREAD)
+def test_rotations_that_were_misread_are_told_as_such(
+    whose: str, mistake: str, read: Callable[[Rotation], Rotation]
+) -> None:
+    """They were said to be of other moments."""
+    seen, driven, *_ = hand_eye_poses(7, 40, 1e-3, 0.2)
+    for poses, other in ((seen, "the robot's poses"), (driven, "the tracker's poses")):
+        if whose != other:
+            poses[:, :3, :3] = read(Rotation.from_matrix(poses[:, :3, :3])).as_matrix()
+    with pytest.raises(RefusedError, match=f"but agree if in {whose} {mistake}"):
+        calibrate_hand_eye(seen, driven)
+
+
+def test_a_tracker_that_saw_next_to_no_turn_is_refused_as_such() -> None:
+    """As of radians that were taken for degrees; it ended in a singular matrix."""
+    seen, driven, *_ = hand_eye_poses(7, 40, 1e-3, 0.2)
+    turns = Rotation.from_matrix(seen[:, :3, :3])
+    seen[:, :3, :3] = Rotation.from_rotvec(np.radians(turns.as_rotvec())).as_matrix()
+    with pytest.raises(InputError, match=r"the tracker poses do not determine M from TCP: .* radians"):
         calibrate_hand_eye(seen, driven)

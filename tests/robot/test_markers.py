@@ -84,3 +84,12 @@ def test_spheres_that_overlap_are_refused_but_not_two_looks_at_one() -> None:
     twice.in_rig_mm[4] += 2.0
     with pytest.raises(RefusedError, match=r"of frames 0 and 4 are 3.5 mm apart, yet 11.5 mm wide"):
         require_apart(twice, 11.5)
+
+
+def test_spheres_and_markers_in_no_pair_are_told() -> None:
+    """Spheres that did not fit were passed over without a word."""
+    ct, spheres = looked(np.random.default_rng(1), 0.1, 0.03, np.diag(np.repeat([1e-8, 1e-4], 3)))
+    assert not register_robot_markers(ct, spheres, sigma_ct_mm=0.1).notes
+    spheres.in_rig_mm[2] += 30.0
+    notes = register_robot_markers(ct, spheres, sigma_ct_mm=0.1).notes
+    assert notes[-2:] == (f"CT markers without a partner: {ct.labels[2]}", "spheres without a partner: 2")

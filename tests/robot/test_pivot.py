@@ -206,3 +206,12 @@ def test_a_tip_that_did_not_rest_and_poses_the_other_way_round_are_refused() -> 
         calibrate_pivot(two_divots)
     with pytest.raises(RefusedError, match="check that the poses are tracker from tool"):
         calibrate_pivot(invert(recording(6, count=100)))
+
+
+def test_rotations_that_were_misread_are_told_as_such() -> None:
+    """The tip was said not to have rested, and no more."""
+    poses = recording(6)
+    turns = Rotation.from_matrix(poses[:, :3, :3])
+    poses[:, :3, :3] = Rotation.from_euler("ZYX", turns.as_euler("ZYX")[:, ::-1]).as_matrix()
+    with pytest.raises(RefusedError, match=r"did not rest: .* it rested if in the poses the angles about Z and X"):
+        calibrate_pivot(poses)

@@ -142,6 +142,12 @@ def test_images_are_paired_by_their_number(tmp_path: Path) -> None:
         2: (7, 9),
         10: (8, 10),
     }
+    image("left", "11.png", grey)
+    image("right", "11.png", grey + 2)
+    with pytest.raises(InputError, match=r"the same images as frames 2 and 11"):  # copied boards counted as others
+        read_pairs(tmp_path)
+    for side in ("left", "right"):
+        (tmp_path / side / "11.png").unlink()
     image("left", "last.png", grey)
     with pytest.raises(InputError, match="not named by the number"):
         read_pairs(tmp_path)
