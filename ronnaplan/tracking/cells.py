@@ -76,6 +76,8 @@ def stated_status(row: Mapping[str, str]) -> str:
     ('missing', 'not valid', 'ok')
     >>> stated_status({"valid": "0.0"}), stated_status({"visible": "FALSCH"}), stated_status({"visible": "4"})
     ('not valid', "visible is 'falsch', neither yes nor no", 'ok')
+    >>> stated_status({"tracked": "Tracked"}), stated_status({"tracked": "lost"})
+    ('ok', "tracked is 'lost', neither yes nor no")
     """
     said = [unescaped(row[name].strip()).lower() for name in STATUS_COLUMNS if row.get(name, "").strip()]
     said += [tool_status(row.get(name, "")) for name in TRANSFORM_STATUS_COLUMNS]
@@ -100,7 +102,7 @@ def _said_of_truth(name: str, word: str) -> str:
     count = number(word)
     if word in FALSE or count == 0.0:
         return f"not {name}"
-    if word in TRUE or (count is not None and count > 0.0):
+    if word in TRUE or word == name or (count is not None and count > 0.0):
         return OK
     return f"{name} is '{printable(word, 40)}', neither yes nor no"
 

@@ -227,12 +227,14 @@ def _require_layout(path: Path, layout: _Layout, header: list[str]) -> None:
 
 def _require_heard(path: Path, layout: _Layout, header: list[str]) -> None:
     """Raise `InputError` for a column that may say that something was not seen, where nothing tells of what."""
-    heard = {column for columns in layout.seen for column in columns} | {start - 1 for start, _ in layout.markers}
+    heard = {start - 1 for start, _ in layout.markers}
+    if layout.seen and layout.seen[0]:  # else one between two poses may tell of either
+        heard |= {column for columns in layout.seen for column in columns}
     unheard = [name for column, name in enumerate(header) if name in SEEN_COLUMNS and column not in heard]
     if unheard:
         raise InputError(
-            f"{path} has {', '.join(unheard)} elsewhere than before a tool's pose or a marker's tx; expected one State "
-            "before each"
+            f"{path} has {', '.join(dict.fromkeys(unheard))} elsewhere than before a tool's pose or a marker's tx; "
+            "expected one State before each"
         )
 
 

@@ -36,7 +36,7 @@ OF_WORDS = frozenset({"kind", "frame", "notes", "description", *TOOL_NAMES, *SYS
 """Columns of words, of which none is a unit: a frame may be called M."""
 SAME_COLUMNS = {"qw": "q0", "frame_number": "frame"}
 OF_A_READING = re.compile(
-    rf"((tool|pose|marker|point)(_?\d+)?_)?(is_?)?(?P<said>{'|'.join(sorted(SEEN_COLUMNS))})"
+    rf"(((tool|pose)(_?(?P<tool>\d+))?|(marker|point)(_?\d+)?)_)?(is_?)?(?P<said>{'|'.join(sorted(SEEN_COLUMNS))})"
 )
 """What columns are called, too, that say whether a reading counts: ``tool_1_status``, ``is_valid``."""
 AXES = (
@@ -99,6 +99,7 @@ def read_rows(path: Path) -> tuple[list[str], list[list[str]], str]:
         raise InputError(f"{path} is empty; expected a header and tracker readings")
     _require_delimiter(path, rows[-1], delimiter)
     header = [column_name(cell) for cell in rows[0]]
+    _require_own_tools(path, rows[0], header)
     if any(number(cell, delimiter) is not None for cell in rows[0]):
         raise InputError(
             f"{path} has no header; its first line must name the columns, such as label,x,y,z, and each row below hold "
@@ -114,6 +115,23 @@ def read_rows(path: Path) -> tuple[list[str], list[list[str]], str]:
     _require_mm(path, header, below)
     _require_one_sign(path, lengths, below, delimiter)
     return header, below, delimiter
+
+
+def _require_own_tools(path: Path, cells: Sequence[str], header: Sequence[str]) -> None:
+    """Refuse columns that say by its number of which tool they tell, unless each stands before that tool's pose."""
+    found = {k: OF_A_READING.fullmatch(_bare(cell)) for k, cell in enumerate(cells)}
+    tools = {k: int(one["tool"]) for k, one in found.items() if one and one["tool"]}
+    poses = header.count("q0")
+    if not tools or (poses < 2 and len(set(tools.values())) < 2):
+        return
+    before = {k: header[:k].count("q0") for k in tools}
+    first = min(1, *tools.values())
+    if set(before.values()) != set(range(poses)) or any(tools[k] - first != before[k] for k in tools):
+        told = ", ".join(printable(cells[k].strip(), LONGEST_NAME) for k in list(tools)[:MOST_NAMED])
+        raise InputError(
+            f"{path} has {told}, not each right before the pose of its own tool; expected tool_1_status before the "
+            "first pose of a row, tool_2_status before the second and so on"
+        )
 
 
 def _lengths(header: Sequence[str]) -> list[int]:
@@ -174,7 +192,8 @@ def require_table(path: Path, header: Sequence[str], rows: Sequence[Sequence[str
     """Raise `InputError` unless every cell belongs to one column, found by its name."""
     twice = sorted({name for name in header if name and header.count(name) > 1})
     if twice:
-        others = {name: f" (or {other})" for other, name in SAME_COLUMNS.items()}
+        others = {name: f" (or tool_{name})" for name in SEEN_COLUMNS}
+        others |= {name: f" (or {other})" for other, name in SAME_COLUMNS.items()}
         told = ", ".join(f"{name}{others.get(name, '')}" for name in twice)
         raise InputError(f"{path} has more than one column named {told}; expected each name once")
     for place, row in enumerate(rows, start=1):
@@ -267,7 +286,11 @@ def column_name(cell: str) -> str:
     >>> column_name("tool_1_status"), column_name("isVisible"), column_name("system_status")
     ('status', 'visible', 'system_status')
     """
-    bare = re.sub(r"[\[(].*?[\])]", "", cell).replace("#", "").strip().lower()
-    name = re.sub(r"_(mm|s)$", "", bare.replace(" ", "_")).strip("_")
+    name = _bare(cell)
     of_a_reading = OF_A_READING.fullmatch(name)
     return of_a_reading["said"] if of_a_reading else SAME_COLUMNS.get(name, name)
+
+
+def _bare(cell: str) -> str:
+    bare = re.sub(r"[\[(].*?[\])]", "", cell).replace("#", "").strip().lower()
+    return re.sub(r"_(mm|s)$", "", bare.replace(" ", "_")).strip("_")

@@ -130,6 +130,46 @@ def test_what_is_said_behind_several_tools_or_beside_a_marker_is_refused(tmp_pat
             read_recording(path)
 
 
+ONE = "q0,qx,qy,qz,tx,ty,tz"
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        f"tool_1_status,tool_2_status,{ONE},{ONE}",
+        f"{ONE},tool_1_status,{ONE}",
+        f"{ONE},tool_1_status,{ONE},tool_2_status",
+        f"tool_2_status,{ONE},tool_1_status,{ONE}",
+        f"tool_1_status,{ONE},{ONE}",
+        f"tool_2_status,{ONE},{ONE}",
+        f"tool_1_status,tool_2_status,tool,{ONE}",
+        "tool,qw,qx,qy,qz,x,y,z,pose1_valid,pose2_valid",
+    ],
+)
+def test_what_is_said_of_a_tool_by_its_number_is_never_taken_for_another_tool_s(
+    tmp_path: Path, header: str
+) -> None:
+    """Of a hidden tool's readings all counted, and the other one's were left out."""
+    path = written(tmp_path, "own.csv", f"{header}\n" + ",".join(["1"] * len(header.split(","))))
+    with pytest.raises(InputError, match="not each right before the pose of its own tool"):
+        read_recording(path)
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_each_tool_s_own_status_counts_before_its_pose(tmp_path: Path, first: int) -> None:
+    header = f"tool_{first}_status,{ONE},tool_{first + 1}_status,{ONE}"
+    recording = read_recording(written(tmp_path, "own.csv", f"{header}\nok,{POSE},missing,{POSE}\n"))
+    assert [one.status for one in recording.tools] == ["ok", "missing"]
+
+
+@pytest.mark.parametrize("name", ["visible", "is_valid", "status"])
+def test_what_stands_between_two_poses_and_before_none_is_refused(tmp_path: Path, name: str) -> None:
+    """It may be of the tool before it or of the one behind."""
+    path = written(tmp_path, "own.csv", f"{ONE},{name},{ONE}\n{POSE},0,{POSE}\n")
+    with pytest.raises(InputError, match="elsewhere than before a tool's pose"):
+        read_recording(path)
+
+
 def test_a_state_before_the_first_of_several_tools_is_that_of_all_that_have_none(tmp_path: Path) -> None:
     tool = "q0,qx,qy,qz,tx,ty,tz"
     text = f"state,{tool},{tool},state,{tool}\nmissing,{POSE},{POSE},OK,{POSE}\n"
