@@ -25,7 +25,7 @@ from ronnaplan.ct.grid import (
     UNIFORM_SPACING_TOLERANCE_MM,
     SliceGrid,
 )
-from ronnaplan.ct.rounded import evened
+from ronnaplan.ct.rounded import evened, is_spacing_cut
 from ronnaplan.ct.slices import SliceImage
 from ronnaplan.ct.values import Vector
 from ronnaplan.ct.volume import VolumeFlag
@@ -214,6 +214,7 @@ def _flags(slices: tuple[SliceImage, ...], grid: SliceGrid) -> list[VolumeFlag]:
     doubts = {
         VolumeFlag.LOSSY: any(image.instance.is_lossy for image in slices) or tells_loss(slices[0]),
         VolumeFlag.UNEVEN_SPACING: not grid.is_evenly_spaced,
+        VolumeFlag.CUT_SPACING: is_spacing_cut(slices[0]),
         VolumeFlag.MISSING_SLICE: _lacks_slice(grid, filled),
         VolumeFlag.SAME_INSTANCE: _share_uid(slices),
         VolumeFlag.OVERLAPPING: bool((filled > (1.0 + THICKNESS_TOLERANCE) * gaps).any()),

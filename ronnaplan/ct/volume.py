@@ -38,6 +38,10 @@ class VolumeFlag(StrEnum):
     LOSSY = "the images were compressed with loss"
     UNEVEN_SPACING = "the slices are not evenly spaced"
     ROUNDED = "the slices' positions are rounded, and were taken for evenly spaced as they agree with that"
+    CUT_SPACING = (
+        "the pixel spacing has three decimals, and the diameter of reconstruction tells that more were left out: "
+        "distances in the slices may be off by 0.05 % and more"
+    )
     MISSING_SLICE = "one or more slices are missing"
     DUPLICATES_DROPPED = "identical copies of a slice were dropped"
     SAME_INSTANCE = "different images bear one SOP Instance UID, so that archives keep one of them only"

@@ -21,8 +21,9 @@ from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import FloatArray
 
-GRID_TOLERANCE_MM = 0.05
-"""Voxel centers of scan and label map agree within this (NIfTI keeps float32, DICOM often three decimals)."""
+GRID_TOLERANCE_MM = 0.1
+"""Voxel centers of scan and label map agree within this: slices may be written to 0.1 mm, each up to half of that off
+along two axes, and the scan has them evened (`VolumeFlag.ROUNDED`)."""
 
 CROPPED = ".seg.nrrd"
 """How the names of files end that Slicer crops to what they mark."""

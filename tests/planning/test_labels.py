@@ -15,10 +15,12 @@ from pydicom.pixels.utils import pack_bits
 from pydicom.sequence import Sequence
 from pydicom.uid import UID, ExplicitVRLittleEndian, generate_uid
 
-from ronnaplan.ct import CTVolume, SliceGrid
+from ronnaplan.ct import CTVolume, SliceGrid, VolumeFlag, read_ct
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.planning import read_label_map
 from ronnaplan.planning.labels import SEGMENTATION_STORAGE
+from tests.ct.test_rounded import heights
+from tests.ct.test_rounded import written as rounded_series
 from tests.planning.heads import scanned
 
 
@@ -84,6 +86,20 @@ def test_each_value_is_a_region(volume: CTVolume, tmp_path: Path) -> None:
         "brain 1": [[2, 3, 4]],
         "brain 7": [[5, 6, 7]],
     }
+
+
+def test_what_was_drawn_on_slices_of_rounded_positions_is_read_on_the_evened_ones(tmp_path: Path) -> None:
+    """Segmentations name the positions as they are written, along both axes of a tilted scan 0.05 mm off."""
+    heights_mm = heights(0.6371)
+    scan = read_ct(rounded_series(tmp_path / "scan", heights_mm, sideways=0.31))
+    assert VolumeFlag.ROUNDED in scan.flags
+    marked = np.random.default_rng(1).random(scan.voxels_hu.shape) < 0.1
+    as_written = scan.grid.origins_mm.copy()
+    as_written[:, 1:] = np.round(np.stack([0.31 * heights_mm, heights_mm], axis=1), 1)
+    drawn = replace(scan, grid=replace(scan.grid, origins_mm=as_written))
+    made = segmentation(drawn, {"drawn": marked}, str(scan.frame.uid))
+    made.save_as(tmp_path / "seg.dcm", enforce_file_format=True)
+    np.testing.assert_array_equal(read_label_map(tmp_path / "seg.dcm", scan)["drawn"], marked)
 
 
 def test_another_grid_is_refused(volume: CTVolume, mask: NDArray[np.bool_], tmp_path: Path) -> None:
