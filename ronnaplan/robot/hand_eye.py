@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -49,6 +50,8 @@ SAME_TIP_PROBABILITY = 1e-6
 """A pivot calibration that errors as stated would put so far off, and more rarely than this, is of another tip."""
 SAME_POSES = 1e-6
 """Poses that nowhere differ by more, in an entry, are of one recording."""
+LEAST_FREEDOM = 1.0
+"""Round-off can leave less to poses that do not belong together."""
 STARTING_SDS = (1e-3, 1.0)
 """Errors of rotation, in rad, and translation, in mm, that the first step is weighed by."""
 ITERATIONS = 6
@@ -89,11 +92,12 @@ def calibrate_hand_eye(
     for whose, poses in (("robot", driven), ("tracker", seen)):
         require_two_axes(poses[:, :3, :3], "M from TCP", whose)
     left, right = closed_form(seen, driven)
-    found = _refine(seen, driven, left, right)
+    fit = _refine(seen, driven, left, right)
     far, step = far_off(seen, driven), _step(seen, driven, left, right)
-    if not _agree(found.rotation_rms_deg, found.translation_rms_mm):
+    if not _agree(fit.rotation_rms_deg, fit.translation_rms_mm):
         numbers = range(len(told)) if frames is None else [frames[one] for one in told]
-        raise RefusedError(_contradiction(found, seen, driven, far, step, numbers))
+        raise RefusedError(_contradiction(fit, seen, driven, far, step, numbers))
+    found = _found(fit, seen)
     away_mm = float(np.linalg.norm(found.m_from_tcp.translation_mm))
     if away_mm > LONGEST_TOOL_MM:
         raise RefusedError(
@@ -118,7 +122,7 @@ def _belong_together(seen: FloatArray, driven: FloatArray) -> bool:
 
 
 def _contradiction(
-    found: HandEye,
+    fit: _Fit,
     seen: FloatArray,
     driven: FloatArray,
     far: NDArray[np.bool_],
@@ -127,8 +131,8 @@ def _contradiction(
 ) -> str:
     """Say by how much poses (N, 4, 4) contradict each other, and which of ``frames`` do if without these none does."""
     said = (
-        f"the poses of robot and tracker contradict each other by {found.rotation_rms_deg:.2f} degrees and "
-        f"{found.translation_rms_mm:.2f} mm RMS, expected at most {LARGEST_ROTATION_DEG:g} and "
+        f"the poses of robot and tracker contradict each other by {fit.rotation_rms_deg:.2f} degrees and "
+        f"{fit.translation_rms_mm:.2f} mm RMS, expected at most {LARGEST_ROTATION_DEG:g} and "
         f"{LARGEST_TRANSLATION_MM:g}"
     )
     if far.any() and _belong_together(seen[~far], driven[~far]):
@@ -143,7 +147,7 @@ def _contradiction(
         )
     if misread := mistake_in(seen, driven, _belong_together):
         return f"{said}, but agree if {misread}; turn them into matrices, or a quaternion, anew"
-    if found.rotation_rms_deg <= SAME_ANGLES_DEG:
+    if fit.rotation_rms_deg <= SAME_ANGLES_DEG:
         return (
             f"{said}: the angles agree, and the places do not; check columns, signs and units of the places in both, "
             "and the order of a quaternion's numbers"
@@ -197,7 +201,29 @@ def require_two_axes(rotations: FloatArray, unknown: str, whose: str = "robot") 
         )
 
 
-def _refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> HandEye:
+class _Fit(NamedTuple):
+    """The least squares, before anything is said of how sure they are; rotations in rad and places in mm err by sds."""
+
+    left: FloatArray
+    right: FloatArray
+    sds: FloatArray
+    design: FloatArray
+    residual: FloatArray
+    step: FloatArray
+    """The last one (27,), of which the drifts are."""
+    error: FloatArray
+    """(N, 6): what is left, rad and mm, at M's origin."""
+
+    @property
+    def rotation_rms_deg(self) -> float:
+        return float(np.degrees(np.sqrt((self.error[:, :3] ** 2).sum(axis=1).mean())))
+
+    @property
+    def translation_rms_mm(self) -> float:
+        return float(np.sqrt((self.error[:, 3:] ** 2).sum(axis=1).mean()))
+
+
+def _refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> _Fit:
     """Return the least squares, by Gauss and Newton, from R from OTS ``left`` and M from TCP ``right``."""
     sds = np.repeat(STARTING_SDS, 3)
     for _ in range(ITERATIONS):
@@ -207,18 +233,24 @@ def _refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: Float
         residual = error / sds + design @ step
         left, right = left @ _motion(step[:6]), right @ _motion(step[6:CONSTANTS])
         error = residual * sds
-        spread = np.sqrt((error**2).sum(axis=0).reshape(2, 3).sum(axis=1) / freedom.reshape(2, 3).sum(axis=1))
+        freedom = np.maximum(freedom.reshape(2, 3).sum(axis=1), LEAST_FREEDOM)
+        spread = np.sqrt((error**2).sum(axis=0).reshape(2, 3).sum(axis=1) / freedom)
         sds = np.repeat(np.maximum(spread, FINEST), 3)
+    return _Fit(left, right, sds, design, residual, step, error)
+
+
+def _found(fit: _Fit, seen: FloatArray) -> HandEye:
+    """Return what the poses tell, of which the tracker's were ``seen`` (N, 4, 4), with its covariance."""
+    left, right = fit.left, fit.right
     robot_from_m = left @ seen
-    of_field = field(robot_from_m, robot_from_m @ right, sds)
-    # of increments on the right
-    covariance, by_pose = _covariance(design, residual, seen, step, of_field)
+    of_field = field(robot_from_m, robot_from_m @ right, fit.sds)
+    covariance, by_pose = _covariance(fit.design, fit.residual, seen, fit.step, of_field)  # on the right
     return HandEye(
         Pose(right, carried(right, covariance[6:12, 6:12]), M, TCP),
         Pose(left, carried(left, covariance[:6, :6]), R, OTS),
-        float(np.degrees(np.sqrt((error[:, :3] ** 2).sum(axis=1).mean()))),
-        float(np.sqrt((error[:, 3:] ** 2).sum(axis=1).mean())),
-        float(np.sqrt(((error @ point_jacobian(right[:3, 3]).T) ** 2).sum(axis=1).mean())),
+        fit.rotation_rms_deg,
+        fit.translation_rms_mm,
+        float(np.sqrt(((fit.error @ point_jacobian(right[:3, 3]).T) ** 2).sum(axis=1).mean())),
         by_pose,
     )
 

@@ -6,6 +6,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.errors import InputError, RonnaplanError
@@ -32,6 +33,22 @@ def test_any_poses_are_answered_or_refused(seed: int) -> None:
         assert np.isfinite(calibrate_pivot(poses).tip_covariance_mm2).all()
     with suppress(RonnaplanError):
         calibrate_hand_eye(poses, poses)
+
+
+@pytest.mark.parametrize("seed", [*range(20), 3047])  # of the last round-off leaves the fit no freedom
+def test_poses_that_do_not_belong_together_are_refused(seed: int) -> None:
+    generator = np.random.default_rng([seed, 77])
+    count = int(generator.integers(4, 8))
+
+    def poses() -> NDArray[np.float64]:
+        drawn = np.tile(np.eye(4), (count, 1, 1))
+        vectors = generator.normal(size=(count, 3)) * generator.choice([0.02, 0.5, 2])
+        drawn[:, :3, :3] = Rotation.from_rotvec(vectors).as_matrix()
+        drawn[:, :3, 3] = generator.normal(size=(count, 3)) * generator.choice([50, 500])
+        return drawn
+
+    with pytest.raises(RonnaplanError, match=r"contradict|do not determine"):
+        calibrate_hand_eye(poses(), poses())
 
 
 def test_recordings_in_metres_calibrate_no_eye() -> None:
