@@ -196,6 +196,7 @@ def _job(arguments: argparse.Namespace, arm: SerialArm, room: Room) -> tuple[Job
     from ronnaplan.ct import read_ct
     from ronnaplan.documents.agreement import disagreement
     from ronnaplan.errors import InputError
+    from ronnaplan.planning.beside import beside
     from ronnaplan.planning.head import Head
     from ronnaplan.robot.placement.job import Job
 
@@ -222,6 +223,7 @@ def _job(arguments: argparse.Namespace, arm: SerialArm, room: Room) -> tuple[Job
         head.center_mm,
         ots_from_ct,
         radii_mm=case.fiducials.radii_mm if case.fiducials is not None else None,
+        beside_ct_mm=beside(head),
     )
     return job, case, (*doubts, *_untold_sizes(case), *job.doubts)
 

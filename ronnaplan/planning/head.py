@@ -60,7 +60,7 @@ class Head:
     @cached_property
     def center_mm(self) -> FloatArray:
         """Centroid (3,) of the head in LPS mm."""
-        center: FloatArray = self._places_mm(self.inside).mean(axis=0)
+        center: FloatArray = self.places_mm(self.inside).mean(axis=0)
         return center
 
     @cached_property
@@ -68,9 +68,10 @@ class Head:
         """Coarse cells (N, 3) at the surface of the head, in LPS mm."""
         from scipy.ndimage import binary_erosion
 
-        return self._places_mm(self.inside & ~binary_erosion(self.inside))
+        return self.places_mm(self.inside & ~binary_erosion(self.inside))
 
-    def _places_mm(self, cells: NDArray[np.bool_]) -> FloatArray:
+    def places_mm(self, cells: NDArray[np.bool_]) -> FloatArray:
+        """Return the middles (N, 3) of coarse ``cells`` (K, J', I'), in LPS mm."""
         k, j, i = (places.astype(np.float64) for places in np.nonzero(cells))
         half = (self.cell - 1) / 2
         return self.volume.grid.positions_mm(np.stack([k, j * self.cell + half, i * self.cell + half], axis=-1))

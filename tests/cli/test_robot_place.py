@@ -263,16 +263,20 @@ def test_markers_of_which_no_size_is_told_are_said_to_be_of_a_usual_one(
     assert told not in capsys.readouterr().err
 
 
-def test_markers_are_kept_clear_of_by_the_sizes_that_the_fiducials_tell(
+def test_markers_count_as_large_as_the_fiducials_tell_and_with_them_what_else_stands_out_of_the_scalp(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     balls = []
 
     def spied(
-        room: Room, head_mm: FloatArray, tracker_mm: FloatArray | None, markers_mm: FloatArray | None
+        room: Room,
+        head_mm: FloatArray,
+        tracker_mm: FloatArray | None,
+        markers_mm: FloatArray,
+        beside_mm: FloatArray,
     ) -> World:
-        balls.append(markers_mm)
-        return world_of(room, head_mm, tracker_mm, markers_mm)
+        balls.append((markers_mm, beside_mm))
+        return world_of(room, head_mm, tracker_mm, markers_mm, beside_mm)
 
     monkeypatch.setattr("ronnaplan.robot.placement.job.world_of", spied)
     cases.write_case(tmp_path)
@@ -281,8 +285,8 @@ def test_markers_are_kept_clear_of_by_the_sizes_that_the_fiducials_tell(
     given += [f"--scene={tmp_path / 'room.toml'}", "--parked", "90000", "0", "800", "0"]
     assert main(["robot", "place", "--ct", str(cases.CT), *given]) == 3
     found = json.loads((tmp_path / "fiducials.json").read_text())["fiducials"]
-    (told,) = balls
-    assert told is not None
+    ((told, beside),) = balls
+    assert len(beside) > 1000
     assert told[:, 3] == pytest.approx([one["diameter_mm"] / 2 for one in found])
 
 

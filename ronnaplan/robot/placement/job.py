@@ -17,7 +17,7 @@ from ronnaplan.robot.placement.machine import clad, machine_of
 from ronnaplan.robot.placement.room import Room
 from ronnaplan.robot.placement.search import Problem
 from ronnaplan.robot.placement.tasks import Fineness, Task, drill_task, view_task, ways_of
-from ronnaplan.robot.placement.world import World, world_of
+from ronnaplan.robot.placement.world import NO_BALLS, World, world_of
 
 TRACKER_APART_MM = 300.0
 """A tracker that was measured with a tape is nearer than this to where the registration puts it."""
@@ -51,11 +51,13 @@ class Job:
         ots_from_ct: FloatArray | None = None,
         *,
         radii_mm: FloatArray | None = None,
+        beside_ct_mm: FloatArray = NO_BALLS,
     ) -> Job:
         """Return the job of a plan and its scan's ``markers`` with the head's ``surface_ct_mm`` (N, 3), all in LPS mm.
 
         With ``ots_from_ct`` (4, 4) the tracker stands where it was registered, otherwise where the room says.
-        ``radii_mm`` (M,) are those of the markers, which else have `MARKER_RADIUS_MM`. Raises `InputError` for a plan
+        ``radii_mm`` (M,) are those of the markers, which else have `MARKER_RADIUS_MM`; balls ``beside_ct_mm`` (B, 4),
+        middles and radii, cover what stands out of the head. Raises `InputError` for a plan
         without trajectories and `FrameMismatchError` for markers of another scan.
         """
         if not plan.trajectories:
@@ -67,7 +69,8 @@ class Job:
             ends = transform_points(room_from_ct, np.array([one.entry_mm, one.target_mm]))
             told = one.instrument
             tasks.append(drill_task(one.name, ends[0], ends[1], room.tool, told.length_mm, told.diameter_mm))
-        surface, balls = transform_points(room_from_ct, surface_ct_mm), None
+        surface, balls = transform_points(room_from_ct, surface_ct_mm), NO_BALLS
+        beside = np.column_stack([transform_points(room_from_ct, beside_ct_mm[:, :3]), beside_ct_mm[:, 3]])
         if markers is not None:
             plan.frame.require(markers.frame)
             places = transform_points(room_from_ct, markers.positions_mm)
@@ -79,7 +82,8 @@ class Job:
         tracker = None if room.tracker is None else np.array(room.tracker.position_mm)
         if ots_from_ct is not None and room.tracker is not None:
             tracker = (room_from_ct @ invert(ots_from_ct))[:3, 3]
-        return cls(arm, room, room_from_ct, tuple(tasks), world_of(room, surface, tracker, balls), plan.frame)
+        world = world_of(room, surface, tracker, balls, beside)
+        return cls(arm, room, room_from_ct, tuple(tasks), world, plan.frame)
 
     def problem(self, fineness: Fineness, tasks: Sequence[Task] | None = None) -> Problem:
         """Return what bases are judged by, for all tasks or some."""

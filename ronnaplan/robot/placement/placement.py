@@ -167,7 +167,7 @@ def _sentence(job: Job, problem: Problem, number: int, bases: FloatArray, where:
 def _other_entry(job: Job, task: Task, best: FloatArray) -> str:
     """Say which entry near that of a blocked trajectory the ``best`` base (1, 4) serves."""
     target = task.ends_mm[0]
-    starts, turns = blocking.turned_entries(task.starts_mm[0], target, job.world.head[:, :3])
+    starts, turns = blocking.turned_entries(task.starts_mm[0], target, job.world.head[: job.world.scalp, :3])
     for turn in np.unique(turns):
         ring = [replace(task, starts_mm=start[None]) for start in starts[turns == turn]]
         problem = job.problem(COARSE, ring)

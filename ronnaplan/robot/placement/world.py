@@ -11,7 +11,9 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.placement.room import Box, Capsule, Room
 
 HEAD_SPACING_MM = 12.0
-"""Places on the head's surface are thinned to this: with its half added to them they cover the surface."""
+"""What is of the head is covered by one ball for each cube of this."""
+
+NO_BALLS = np.zeros((0, 4))
 
 PLENTY_MM, PLENTY_DEG = 100.0, 45.0
 """Clearance and margin of the tracker's view beyond which more counts no more."""
@@ -30,7 +32,9 @@ class World(NamedTuple):
     boxes: FloatArray
     capsules: FloatArray
     head: FloatArray
-    """Balls (H, 4) that cover the head's surface, middle and radius, and the markers on it last."""
+    """Balls (H, 4), middle and radius, that cover the scalp, then what stands out of it, and last the markers."""
+    scalp: int
+    """How many of them, the first, cover the scalp."""
     head_ball: FloatArray
     """The same (4,) of a ball about them all."""
     tracker: FloatArray
@@ -48,17 +52,20 @@ class World(NamedTuple):
 
 
 def world_of(
-    room: Room, head_mm: FloatArray, tracker_mm: FloatArray | None, markers_mm: FloatArray | None = None
+    room: Room,
+    head_mm: FloatArray,
+    tracker_mm: FloatArray | None,
+    markers_mm: FloatArray = NO_BALLS,
+    beside_mm: FloatArray = NO_BALLS,
 ) -> World:
     """Return the room with the places ``head_mm`` (H, 3) on the head, and the tracker's place (3,) in the room.
 
-    ``markers_mm`` (M, 4), middles and radii, belong to the head, each where it is and as large: among the places on
-    the scalp it would be lost.
+    Balls, middles and radii, belong to the head, too: ``markers_mm`` (M, 4), each where it is and as large, and
+    ``beside_mm`` (B, 4), which are covered by fewer.
     """
-    thinned = _thinned(head_mm)
-    head = np.column_stack([thinned, np.full(len(thinned), HEAD_SPACING_MM / 2)])
-    if markers_mm is not None:
-        head = np.ascontiguousarray(np.concatenate([head, markers_mm]))
+    scalp = _covered(np.column_stack([head_mm, np.zeros(len(head_mm))]))
+    scalp[:, 3] = np.maximum(scalp[:, 3], HEAD_SPACING_MM / 2)
+    head = np.concatenate([scalp, _covered(beside_mm), markers_mm])
     middle = head[:, :3].mean(axis=0)
     reach = float((np.linalg.norm(head[:, :3] - middle, axis=1) + head[:, 3]).max())
     sight = np.zeros(5)
@@ -72,6 +79,7 @@ def world_of(
         box_rows(room.boxes),
         np.array([capsule_row(one) for one in room.capsules]).reshape(-1, 7),
         head,
+        len(scalp),
         np.array([*middle, reach]),
         np.zeros(3) if tracker_mm is None else np.array(tracker_mm, dtype=np.float64),
         sight,
@@ -102,10 +110,12 @@ def capsule_row(capsule: Capsule) -> FloatArray:
     return np.array([*capsule.start_mm, *capsule.end_mm, capsule.radius_mm], dtype=np.float64)
 
 
-def _thinned(places_mm: FloatArray) -> FloatArray:
-    """Return one place of each cube of `HEAD_SPACING_MM`, the mean of those in it."""
-    cubes = np.floor(places_mm / HEAD_SPACING_MM).astype(np.int64)
-    _, group = np.unique(cubes, axis=0, return_inverse=True)
-    counts = np.bincount(group.ravel())
-    sums = np.stack([np.bincount(group.ravel(), weights=places_mm[:, k]) for k in range(3)], axis=1)
-    return np.ascontiguousarray(sums / counts[:, None])
+def _covered(balls: FloatArray) -> FloatArray:
+    """Return balls (C, 4) that cover ``balls`` (B, 4), one for those with their middles in a cube."""
+    cubes = np.floor(balls[:, :3] / HEAD_SPACING_MM).astype(np.int64)
+    _, group, counts = np.unique(cubes, axis=0, return_inverse=True, return_counts=True)
+    group = group.ravel()
+    sums = np.stack([np.bincount(group, weights=balls[:, k], minlength=len(counts)) for k in range(3)], axis=1)
+    middles, radii = sums / counts[:, None], np.zeros(len(counts))
+    np.maximum.at(radii, group, np.linalg.norm(balls[:, :3] - middles[group], axis=1) + balls[:, 3])
+    return np.column_stack([middles, radii])

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_erosion
 from scipy.spatial.distance import pdist
 
 from ronnaplan.ct.volume import SeriesSource
@@ -17,6 +18,9 @@ from ronnaplan.documents.placement import placement_text
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import FloatArray, Frame, Points
 from ronnaplan.planning import Plan, Trajectory
+from ronnaplan.planning.beside import beside
+from ronnaplan.planning.head import SKIN_HU, Head
+from ronnaplan.pose import transform_points
 from ronnaplan.robot.arm.forward import forward
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.arm.quality import joint_margins_deg, singularity_deg
@@ -33,6 +37,7 @@ from ronnaplan.robot.placement.search import Problem, asking, base_pose, grid, w
 from ronnaplan.robot.placement.serving import Served
 from ronnaplan.robot.placement.tasks import drill_task
 from ronnaplan.robot.placement.world import world_of
+from tests import cases
 from tests.robot.arm.arms import KR6, UR10E_M, calibrated_ur5e, hanging, iiwa, panda, ur
 from tests.robot.arm.test_kinematics import read
 from tests.robot.placement.cases import CENTER_MM, HEAD_MM, job, room, surface
@@ -428,3 +433,33 @@ def test_a_large_marker_is_kept_clear_of_by_its_own_radius() -> None:
     rod = np.array([*(placed + 50.0 * out), *(placed + 90.0 * out), 5.0])
     assert to_head(made.world, rod, np.inf) == pytest.approx(50.0 - 20.0 - 5.0)
     assert made.world.head_ball[3] >= np.linalg.norm(placed - made.world.head_ball[:3]) + 20.0 - 1e-9
+
+
+def test_arm_and_tool_are_never_nearer_to_what_stands_out_of_the_scalp_than_told() -> None:
+    """Rods on all sides against every voxel of the synthetic head, with its posts, screws and decoys."""
+    volume = cases.volume()
+    head, rng = Head.of(volume), np.random.default_rng(3)
+    plan = Plan(volume.source, None)
+    plan = plan.add(Trajectory("LH", cases.ENTRY_MM, cases.TARGET_MM, plan.frame))
+    dense = volume.voxels_hu > SKIN_HU
+    edge = np.argwhere(dense & ~binary_erosion(dense)).astype(np.float64)
+    told_mm, true_mm = [], []
+    made = Job.of_plan(kr6_r900(), room(), plan, None, head.boundary_mm, head.center_mm, beside_ct_mm=beside(head))
+    voxels_mm = transform_points(made.room_from_ct, volume.grid.positions_mm(edge))
+    for out in rng.normal(size=(200, 3)):
+        out /= np.linalg.norm(out)
+        start = CENTER_MM + rng.uniform(95.0, 150.0) * out
+        end = start + 80.0 * out + rng.normal(scale=30.0, size=3)
+        told_mm.append(to_head(made.world, np.array([*start, *end, 5.0]), np.inf))
+        along = np.clip((voxels_mm - start) @ (end - start) / ((end - start) @ (end - start)), 0.0, 1.0)
+        true_mm.append(np.linalg.norm(voxels_mm - start - along[:, None] * (end - start), axis=1).min() - 5.0)
+    over = np.array(told_mm) - true_mm
+    assert over.max() <= 0.0
+    assert over.min() > -10.0
+
+
+def test_what_stands_out_of_the_scalp_changes_no_depth_beneath_it() -> None:
+    scalp, markers = surface(np.random.default_rng(2)), np.array([[*CENTER_MM, 6.0]])
+    alone, among = world_of(room(), scalp, None), world_of(room(), scalp, None, markers, markers + 10.0)
+    assert len(among.head) == len(alone.head) + 2
+    np.testing.assert_array_equal(among.head[: among.scalp], alone.head[: alone.scalp])
