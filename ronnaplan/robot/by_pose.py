@@ -100,6 +100,7 @@ def _judge(products: FloatArray, constants: int, freedom: int, share: float) -> 
         left = np.append(solution, -1.0)
         after = np.einsum("i,kij,j->k", left, products, left)
         after += misfit / freedom * np.einsum("ij,kij->k", np.linalg.inv(normal), products[:, :-1, :-1])
+        after = np.maximum(after, LEAST_VARIANCE)
         after /= np.sqrt(after.prod())
     volume = np.linalg.slogdet(normal)[1] + unknowns * np.log(share)
     log_weight = -0.5 * (freedom * np.log(misfit) + volume)

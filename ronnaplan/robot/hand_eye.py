@@ -50,10 +50,10 @@ SAME_TIP_PROBABILITY = 1e-6
 """A pivot calibration that errors as stated would put so far off, and more rarely than this, is of another tip."""
 SAME_POSES = 1e-6
 """Poses that nowhere differ by more, in an entry, are of one recording."""
-LEAST_FREEDOM = 1.0
-"""Round-off can leave less to poses that do not belong together."""
 STARTING_SDS = (1e-3, 1.0)
 """Errors of rotation, in rad, and translation, in mm, that the first step is weighed by."""
+LEAST_FREEDOM, LOPSIDED = 1e-3, 1e-2
+"""Round-off can leave less freedom; rotations err by that share of what places do over a meter, and these of them."""
 ITERATIONS = 6
 """Each weighs rotations and translations by the scatter that the one before it left."""
 CONSTANTS = 12
@@ -235,7 +235,7 @@ def _refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: Float
         error = residual * sds
         freedom = np.maximum(freedom.reshape(2, 3).sum(axis=1), LEAST_FREEDOM)
         spread = np.sqrt((error**2).sum(axis=0).reshape(2, 3).sum(axis=1) / freedom)
-        sds = np.repeat(np.maximum(spread, FINEST), 3)
+        sds = np.repeat(np.maximum.reduce([spread, FINEST, LOPSIDED * spread[::-1] * (1e-3, 1e3)]), 3)
     return _Fit(left, right, sds, design, residual, step, error)
 
 

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from ronnaplan.errors import InputError, RonnaplanError
 from ronnaplan.robot.hand_eye import calibrate_hand_eye
 from ronnaplan.robot.pivot import calibrate_pivot
+from tests.robot.test_orientation import hand_eye_poses
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -49,6 +50,18 @@ def test_poses_that_do_not_belong_together_are_refused(seed: int) -> None:
 
     with pytest.raises(RonnaplanError, match=r"contradict|do not determine"):
         calibrate_hand_eye(poses(), poses())
+
+
+@pytest.mark.parametrize("count", [4, 6, 40])
+@pytest.mark.parametrize("sds", [(1e-3, 0.0), (0.0, 0.2), (1e-3, 1e-5)])
+def test_poses_whose_places_or_rotations_are_all_but_exact_calibrate_an_eye(
+    count: int, sds: tuple[float, float]
+) -> None:
+    """As in recordings that are simulated: a traceback, or the poses were said to contradict each other."""
+    seen, driven, m_from_tcp, _ = hand_eye_poses(count, count, *sds)
+    found = calibrate_hand_eye(seen, driven).m_from_tcp
+    assert np.isfinite(found.covariance).all()
+    assert np.linalg.norm((found.matrix - m_from_tcp)[:3, 3]) < 3.0
 
 
 def test_recordings_in_metres_calibrate_no_eye() -> None:
