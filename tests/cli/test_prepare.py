@@ -33,22 +33,32 @@ print(json.dumps(told))
 
 
 def test_after_prepare_localize_and_register_compile_nothing_and_import_little(tmp_path: Path) -> None:
+    """Of whatever size the markers are, and however alike the orders that they fit in."""
     found = str(tmp_path / "fiducials.json")
     commands = [
         ["prepare"],
-        ["localize", "data/synthetic_ct", "--diameter", "11.5", "-o", found],
+        ["localize", "data/synthetic_ct", "--diameter", "auto", "-o", found],
         ["register", found, "data/synthetic_ct/readings.csv", "-o", str(tmp_path / "registration.json")],
     ]
     done = subprocess.run(
-        [sys.executable, "-c", COUNT, json.dumps(commands)], cwd=ROOT, capture_output=True, text=True, check=True
-    )
-    (prepared, localized, registered) = json.loads(done.stdout)
+        [sys.executable, "-c", COUNT + LAID_OUT, json.dumps(commands)],
+        cwd=ROOT, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    (prepared, localized, registered), laid_out = map(json.loads, done.stdout.splitlines())
     assert [one[0] for one in (prepared, localized, registered)] == [0, 0, 0]
     assert sum(map(len, prepared[1].values())) > 10
-    for _, compiled, _ in (localized, registered):
+    for compiled in (localized[1], registered[1], laid_out):
         assert {name: kinds for name, kinds in compiled.items() if kinds != prepared[1].get(name, [])} == {}
     heavy = {"pydicom", "gdcm", "requests", "matplotlib", "SimpleITK", "skimage", "pandas", "pyvista", "trame"}
     assert not heavy & set(localized[2])
+
+
+LAID_OUT = """
+from ronnaplan.correspondence import describe_layout
+
+assert describe_layout([[0, 0, 0], [50, 0, 0], [50, 51, 0], [0, 50, 0]]).refusal_probability() > 0.5
+print(json.dumps(compiled()))
+"""
 
 
 def test_after_prepare_a_place_for_the_robot_is_found_without_compiling() -> None:
