@@ -175,7 +175,16 @@ class TemplateLayout:
     @property
     def worth_mm(self) -> float:
         """The rival distance, or that from the best line if less: both are root sums of squares over the markers."""
-        return min(self.rival_distance_mm, float(np.sqrt(len(self.holes_mm))) * self.layout.line_distance_mm)
+        return min(self._rival_and_line_mm, self.rival_distance_mm)
+
+    def is_worth_more(self, than_mm: float) -> bool:
+        """Tell whether `worth_mm` is more; the mirrored rival, which takes longest, is looked for last."""
+        return self._rival_and_line_mm > than_mm and self.rival_distance_mm > than_mm
+
+    @property
+    def _rival_and_line_mm(self) -> float:
+        line_mm = float(np.sqrt(len(self.holes_mm))) * self.layout.line_distance_mm
+        return min(self.layout.rival_distance_mm, line_mm)
 
     @property
     def refusal_probability(self) -> float:
@@ -266,14 +275,13 @@ def _improved(holes_mm: FloatArray, bridge: Bridge, rng: np.random.Generator) ->
                 holes = best.holes_mm.copy()
                 holes[marker] = np.clip(holes[marker] + rng.normal(size=2) * step * reach, -reach, reach)
                 moved = TemplateLayout(bridge, holes)
-                if _apart(holes, bridge) and moved.worth_mm > best.worth_mm:
+                if _apart(holes, bridge) and moved.is_worth_more(best.worth_mm):
                     best = moved
     return best
 
 
 def _apart(holes_mm: FloatArray, bridge: Bridge) -> bool:
-    from scipy.spatial.distance import pdist
-
     least = bridge.marker_diameter_mm + bridge.clearance_mm
-    centers_apart, holes_apart = pdist(bridge.centers_mm(holes_mm)).min(), pdist(holes_mm).min()
-    return bool(centers_apart >= least and holes_apart >= 2 * bridge.pad_radius_mm)
+    one, other = np.triu_indices(len(holes_mm), k=1)
+    flat, bent = (np.linalg.norm(at[one] - at[other], axis=1) for at in (holes_mm, bridge.centers_mm(holes_mm)))
+    return bool(bent.min() >= least and flat.min() >= 2 * bridge.pad_radius_mm)

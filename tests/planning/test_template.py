@@ -75,6 +75,7 @@ def test_a_template_keeps_its_size_and_clearance_and_beats_every_random_one(mark
     others = [random_holes(markers, bridge, rng) for _ in range(300)]
     worths = [TemplateLayout(bridge, holes).worth_mm for holes in others if holes is not None]
     assert found.worth_mm > max(worths)
+    assert found.is_worth_more(max(worths))
     assert np.linalg.svd(found.centers_mm - found.centers_mm.mean(axis=0))[1][1] > 0.9 * found.worth_mm  # no line
 
 
@@ -90,6 +91,7 @@ def test_print_and_screws_count_as_errors() -> None:
 def test_a_layout_whose_mirror_image_has_the_same_distances_is_refused() -> None:
     kite = TemplateLayout(Bridge(radius_mm=60.0), np.array([[-45.0, 0.0], [45.0, 0.0], [0.0, 30.0], [0.0, -15.0]]))
     assert kite.refusal_probability < GREATEST_REFUSAL  # it cannot be turned so, but distances do not tell
+    assert not kite.is_worth_more(0.1)
     with pytest.raises(
         RefusedError, match=r"differ by no more than 0\.0 mm in another order, expected over 3\.9 mm"
     ):
