@@ -13,8 +13,8 @@ from ronnaplan.ct import CTVolume, read_ct
 from ronnaplan.documents.fiducials import FORMAT, FiducialsDocument
 from ronnaplan.documents.plan import write_plan
 from ronnaplan.documents.reading import to_json
-from ronnaplan.documents.registered import registration_document
 from ronnaplan.documents.registration import RegistrationDocument
+from ronnaplan.documents.registration_made import registration_document
 from ronnaplan.geometry import FloatArray, Frame, Points
 from ronnaplan.localization.fit.parameters import PARAMETERS
 from ronnaplan.planning import Plan, Trajectory

@@ -10,8 +10,8 @@ from ronnaplan.case.folder import Case, CaseFiles, placement_at
 from ronnaplan.case.surroundings import Labels, Rules
 from ronnaplan.ct import CTVolume
 from ronnaplan.documents.fiducials import FiducialsDocument, read_fiducials
-from ronnaplan.documents.kept import Kept
 from ronnaplan.documents.limits import read_limits
+from ronnaplan.documents.open_document import Kept
 from ronnaplan.documents.plan import plan_text, read_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.documents.registration import RegistrationDocument, read_registration

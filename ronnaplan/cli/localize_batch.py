@@ -22,7 +22,6 @@ LONGEST_NAME = 100
 
 SUMMARY_FORMAT = "ronnaplan.localize-summary"
 
-
 RESULTS = ("summary.json", "summary.csv", "[0-9][0-9][0-9]*-*.fiducials.json", "[0-9][0-9][0-9]*-*.png")
 """What a batch writes."""
 

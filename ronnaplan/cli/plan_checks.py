@@ -95,7 +95,7 @@ def run_markers(arguments: argparse.Namespace) -> int:
     from ronnaplan.case.surroundings import Rules, Surroundings, Terrain
     from ronnaplan.documents.files import check_target, write_atomically
     from ronnaplan.documents.plan_measures import placement_markups
-    from ronnaplan.documents.registered import target_names
+    from ronnaplan.documents.registration_made import target_names
     from ronnaplan.errors import UsageError
     from ronnaplan.planning import Plan
     from ronnaplan.planning.lengths import VISIBLE_DEG

@@ -56,8 +56,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Register; a refused pairing is written with its rivals and returns 3."""
     from ronnaplan.documents.fiducials import read_fiducials
-    from ronnaplan.documents.registered import registration_document
     from ronnaplan.documents.registration import read_registration
+    from ronnaplan.documents.registration_made import registration_document
     from ronnaplan.documents.registration_text import registration_text
     from ronnaplan.documents.revision import write_document
     from ronnaplan.errors import RefusedError
@@ -104,7 +104,7 @@ def _targets(arguments: argparse.Namespace, fiducials: FiducialsDocument) -> Poi
     """Return where the error is to be predicted: the plan's points, then those of the command line."""
     import numpy as np
 
-    from ronnaplan.documents.registered import target_names
+    from ronnaplan.documents.registration_made import target_names
     from ronnaplan.geometry import Points, as_points
 
     frame = fiducials.points.frame

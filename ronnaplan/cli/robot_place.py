@@ -82,8 +82,8 @@ def run(arguments: argparse.Namespace) -> int:
     if missing:
         raise UsageError(f"robot place needs --{missing[0]} (see 'ronnaplan robot place --help')")
     _check_parked(arguments.parked)
-    from ronnaplan.documents.placed import placement_document
     from ronnaplan.documents.placement import placement_text, read_placement
+    from ronnaplan.documents.placement_made import placement_document
     from ronnaplan.documents.revision import write_document
 
     room = read_room(arguments.scene)

@@ -7,7 +7,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from ronnaplan.documents.fiducials import FiducialsDocument, Source, read_fiducials
-from ronnaplan.documents.files import read_json, require_ending, write_atomically
+from ronnaplan.documents.fiducials_csv import csv_table
+from ronnaplan.documents.files import TABLE_ENDINGS, read_json, require_ending, write_atomically
 from ronnaplan.documents.itk_transform import itk_transform
 from ronnaplan.documents.markups import MARKUPS_ENDINGS, markups
 from ronnaplan.documents.plan import FORMAT as PLAN
@@ -15,7 +16,6 @@ from ronnaplan.documents.registration import FORMAT as REGISTRATION
 from ronnaplan.documents.registration import RegistrationDocument, read_registration
 from ronnaplan.documents.registration_exports import registration_csv, registration_markups
 from ronnaplan.documents.ros import ros_transform
-from ronnaplan.documents.table import TABLE_ENDINGS, csv_table
 from ronnaplan.errors import UsageError, check_type
 
 if TYPE_CHECKING:

@@ -26,6 +26,9 @@ Document = TypeVar("Document")
 MAX_DOCUMENT_BYTES = 16 * 2**20
 """Documents are a few kilobytes; a larger file is something else."""
 
+TABLE_ENDINGS = (".csv", ".txt", ".tsv")
+"""What tables must be called."""
+
 REMEDIES = {
     **dict.fromkeys(NO_ROOM, "make room on its disk"),
     **dict.fromkeys((errno.EROFS, errno.EACCES, errno.EPERM), "make that place writable"),

@@ -10,9 +10,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from ronnaplan.documents.files import TABLE_ENDINGS
 from ronnaplan.documents.markups import LPS_AXES, MARKUPS_ENDINGS, SCHEMA
 from ronnaplan.documents.reading import plain_json
-from ronnaplan.documents.table import TABLE_ENDINGS
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.planning.electrodes import electrode_named

@@ -7,8 +7,8 @@ import os
 from numpy.typing import ArrayLike
 
 from ronnaplan.documents.fiducials import FiducialsDocument, fiducials_document, read_fiducials
-from ronnaplan.documents.registered import registration_document, target_names
 from ronnaplan.documents.registration import RegistrationDocument, read_registration
+from ronnaplan.documents.registration_made import registration_document, target_names
 from ronnaplan.documents.revision import write_document
 from ronnaplan.errors import check_type
 from ronnaplan.geometry import Points, as_points

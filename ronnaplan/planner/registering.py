@@ -9,7 +9,7 @@ from ronnaplan.case import marker_edits
 from ronnaplan.case.edits import OpenCase
 from ronnaplan.case.expectation import errors_at_ends_mm
 from ronnaplan.documents.fiducials import FiducialEntry, Source
-from ronnaplan.documents.registered import registration_document
+from ronnaplan.documents.registration_made import registration_document
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import Points
 from ronnaplan.planner.pairing import Paired, Sought

@@ -12,8 +12,8 @@ import pytest
 from ronnaplan.case.expectation import expectation
 from ronnaplan.case.surroundings import Judgement, Rules, Surroundings, Terrain
 from ronnaplan.documents.plan import read_plan, write_plan
-from ronnaplan.documents.registered import registration_document
 from ronnaplan.documents.registration import RegistrationDocument
+from ronnaplan.documents.registration_made import registration_document
 from ronnaplan.geometry import Points
 from ronnaplan.planning import Landmarks, Limits, Trajectory, measure
 from ronnaplan.planning.obstacles import Clearance

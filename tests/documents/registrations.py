@@ -3,8 +3,8 @@
 import numpy as np
 
 from ronnaplan.documents.fiducials import FiducialsDocument, Source
-from ronnaplan.documents.registered import registration_document
 from ronnaplan.documents.registration import RegistrationDocument
+from ronnaplan.documents.registration_made import registration_document
 from ronnaplan.geometry import Points
 from ronnaplan.registration.marker_registration import register_markers
 from tests.registration import scene

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from ronnaplan.documents.fiducials import Source
-from ronnaplan.documents.placed import placement_document
 from ronnaplan.documents.placement import PlacementDocument, placement_text, read_placement
+from ronnaplan.documents.placement_made import placement_document
 from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import InputError
 from ronnaplan.pose import transform_points

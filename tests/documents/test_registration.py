@@ -11,8 +11,8 @@ import SimpleITK
 
 from ronnaplan.documents.export import export
 from ronnaplan.documents.reading import to_json
-from ronnaplan.documents.registered import registration_document
 from ronnaplan.documents.registration import read_registration
+from ronnaplan.documents.registration_made import registration_document
 from ronnaplan.documents.registration_text import registration_text
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import Frame, Points

@@ -19,12 +19,12 @@ from scipy.spatial.transform import Rotation
 from ronnaplan.documents.chain import read_chain, stereo_chain, tracked_chain
 from ronnaplan.documents.fiducials import Source, fiducials_document, read_fiducials
 from ronnaplan.documents.limits import read_limits
-from ronnaplan.documents.placed import placement_document
 from ronnaplan.documents.placement import read_placement
+from ronnaplan.documents.placement_made import placement_document
 from ronnaplan.documents.plan import plan_document, read_plan
 from ronnaplan.documents.reading import to_json
-from ronnaplan.documents.registered import registration_document
 from ronnaplan.documents.registration import read_registration
+from ronnaplan.documents.registration_made import registration_document
 from ronnaplan.documents.rig import read_rig, read_spheres, rig_document, spheres_document
 from ronnaplan.documents.template import read_template
 from ronnaplan.documents.tool import hand_eye_document, pivot_document, read_hand_eye, read_pivot

@@ -9,7 +9,7 @@ from phantoms.live_room import LiveRoom
 from phantoms.robot_session import M_SPHERES_MM
 from ronnaplan.documents.chain import tracked_chain
 from ronnaplan.documents.reading import to_json
-from ronnaplan.documents.registered import registration_document
+from ronnaplan.documents.registration_made import registration_document
 from ronnaplan.registration.marker_registration import register_markers
 from ronnaplan.robot.live import LiveChain
 from tests import cases

@@ -8,8 +8,8 @@ import pytest
 
 from ronnaplan.case.folder import Case
 from ronnaplan.documents.fiducials import FiducialsDocument, Source
-from ronnaplan.documents.placed import placement_document
 from ronnaplan.documents.placement import HeldEntry, MarkerEntry, PlacementDocument
+from ronnaplan.documents.placement_made import placement_document
 from ronnaplan.errors import FrameMismatchError
 from ronnaplan.planning import Plan
 from ronnaplan.report.overview import View

@@ -13,8 +13,8 @@ from scipy.spatial.distance import pdist
 
 from ronnaplan.ct.volume import SeriesSource
 from ronnaplan.documents.fiducials import Source
-from ronnaplan.documents.placed import placement_document
 from ronnaplan.documents.placement import placement_text
+from ronnaplan.documents.placement_made import placement_document
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import FloatArray, Frame, Points
 from ronnaplan.planning import Plan, Trajectory

@@ -12,8 +12,6 @@ HEADER = (
     *("label", "x", "y", "z", "sigma_x", "sigma_y", "sigma_z"),
     *("diameter_mm", "contrast_hu", "flags", "frame_of_reference_uid"),
 )
-TABLE_ENDINGS = (".csv", ".txt", ".tsv")
-"""What tables must be called."""
 
 
 def csv_table(document: FiducialsDocument) -> str:

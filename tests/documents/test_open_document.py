@@ -10,7 +10,7 @@ import pytest
 
 from ronnaplan.documents import files
 from ronnaplan.documents.files import read_json, write_atomically
-from ronnaplan.documents.kept import Kept
+from ronnaplan.documents.open_document import Kept
 from ronnaplan.errors import InputError
 
 
