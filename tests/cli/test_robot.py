@@ -34,6 +34,7 @@ from ronnaplan.robot.pivot import calibrate_pivot
 from ronnaplan.robot.stereo_calibration import require_size
 from ronnaplan.tracking import find_markers, read_recording
 from tests import cases
+from tests.robot.boards import find_once
 from tests.robot.test_pivot import recording
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -61,6 +62,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_plan(folder / "plan.json", cases.plan())
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
+        find_once(patch)
         run = commands()
         assert {arguments[1] for arguments in run} >= {
             "pivot",
@@ -460,9 +462,10 @@ def test_markers_that_the_cameras_calibration_leaves_open_are_refused(
 
 
 def test_how_well_the_squares_are_known_counts_in_what_the_cameras_know(
-    home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A printed board leaves the resting sphere open, whatever its images show."""
+    find_once(monkeypatch)
     session = home / "session"
     shown = [str(session / name) for name in ("boards", "sphere", "sphere_robot.csv")]
     sizes = ["--corners", "9x7", "--square", "6", "--diameter", "11.5"]

@@ -13,6 +13,7 @@ from ronnaplan.robot import board, stereo_calibration
 from ronnaplan.robot.board import FEWEST_BOARDS
 from ronnaplan.robot.stereo import locate_sphere
 from ronnaplan.robot.stereo_calibration import calibrate_on_board, calibrate_tcp
+from tests.robot.boards import find_once
 from tests.robot.stereo_views import DIAMETER, RIG_EXACT, RIGHT, D, K, moved, placed, seen
 
 CORNERS, SQUARE = (9, 7), 6.0
@@ -41,20 +42,9 @@ def boards() -> tuple[list[np.ndarray], list[np.ndarray]]:
     return left, right
 
 
-_found: dict[bytes, np.ndarray | None] = {}
-
-
 @pytest.fixture
 def found_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """OpenCV takes a second to find a board in a picture: what it found there it found for all tests."""
-    find = board.find_corners
-
-    def found(image: np.ndarray, corners: tuple[int, int]) -> np.ndarray | None:
-        if (key := image.tobytes()) not in _found:
-            _found[key] = find(image, corners)
-        return _found[key]
-
-    monkeypatch.setattr(board, "find_corners", found)
+    find_once(monkeypatch)
 
 
 @pytest.mark.usefixtures("found_once")
