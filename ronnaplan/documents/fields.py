@@ -39,6 +39,7 @@ LONGEST_MM = 1e6
 MOST_NATS = 1e30
 """The log evidence of points a kilometre off, with the smallest errors that can be stated, has 24 digits."""
 LARGEST_RATIO = 1e6
+"""No share, factor or root mean square in pixels or degrees reaches a million."""
 
 
 @contextmanager

@@ -39,6 +39,7 @@ LensNumber = Annotated[float, Field(ge=-LARGEST_LENS, le=LARGEST_LENS)]
 Pixels = Annotated[int, Field(ge=1, le=1 << 16)]
 PositivePixels = Annotated[float, Field(gt=0, le=LARGEST_LENS)]
 MOST_BOARDS = 10_000
+"""Pairs of images: some dozen calibrate cameras."""
 Corners = Annotated[int, Field(ge=FEWEST_CORNERS, le=MOST_CORNERS)]
 LensRow = tuple[LensNumber, LensNumber, LensNumber]
 Distortion = tuple[LensNumber, LensNumber, LensNumber, LensNumber, LensNumber]

@@ -12,6 +12,7 @@ from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 
 DISPLACEMENT_RADIUS_MM = 10.0
 OUTLIER_RADIUS_MM = 300.0
+"""Of the spheres in which the paper moves markers, and puts outliers about their centroid (section 4.2)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +39,8 @@ def simulate_scenes(
 
     Each point of ``layout_mm`` (N, 3) is displaced uniformly inside a sphere of radius ``displaced_mm``; ``markers``
     of them are kept; normal noise of `SIGMA_CT_MM` and `SIGMA_OTS_MM` (times ``noise``, one or one a test) is added;
-    ``outliers`` points uniform in a 300 mm sphere about the markers' centroid join each set; the first ``hidden``
-    markers are missing from the OTS set, which is turned, shifted and shuffled.
+    ``outliers`` points uniform in a sphere of `OUTLIER_RADIUS_MM` about the markers' centroid join each set; the first
+    ``hidden`` markers are missing from the OTS set, which is turned, shifted and shuffled.
     """
     points = layout_mm + uniform_in_ball(rng, (tests, len(layout_mm)), displaced_mm)
     kept = np.argsort(rng.random(points.shape[:2]), axis=1)[:, :markers]
