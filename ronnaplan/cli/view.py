@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 HELP = "Open the planner: a local web page with the scan, its markers, trajectories and registration."
 
+SCAN_TOO = "name its scan, too: ronnaplan view CT"
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
@@ -180,8 +182,13 @@ def _require_no_case(arguments: argparse.Namespace) -> None:
     named |= {"--registration": arguments.registration, "--no-go": arguments.no_go, "--plan": arguments.plan}
     named |= {"--second": arguments.second, "--labels": arguments.labels}
     given = [name for name, value in named.items() if value]
+    start = next(
+        (name for name, value in {"--root": arguments.root, "--peer": arguments.peer}.items() if value), ""
+    )
     if given:
-        raise UsageError(f"{' and '.join(given)} belongs to one case; name its scan, too: ronnaplan view CT")
+        belong = f"{' and '.join(given)} belong{'s' if len(given) == 1 else ''} to one case"
+        how = f"leave out {start}, with which all begins at the start page" if start else SCAN_TOO
+        raise UsageError(f"{belong}; {how}")
 
 
 def _stated(arguments: argparse.Namespace) -> tuple[str, ...]:

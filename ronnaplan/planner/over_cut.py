@@ -72,18 +72,19 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
     """Return what is drawn over a view, in mm from its middle; empty for a path view without a trajectory."""
     if view not in STANDARD_NAMES and state.look.chosen is None:
         title = "select a trajectory" if state.case.plan.trajectories else "no trajectory yet: add one (A)"
-        return {**NOTHING, **frame(1, 1, 1), "title": title}
+        return {**NOTHING, **frame(1, 1, 1), **titled(title, pane)}
     cut = state.look.cut(view)
     half = cut.field_mm / 2
     wide, high = (half * share for share in pane.halves)
-    names = pane.names(half)
+    title = _title(state, view, cut, pane)
     paths = [_path(one, cut, pane, one.name == state.look.selected) for one in state.case.plan.trajectories]
+    names = pane.names(half, title, (tick for one in paths for tick in one["ticks"] if tick["label"]))
     points = [one | {"r": half * BESIDE_HALVES} for one in _points(state, cut, (wide, high))]
     return {
         **frame(half, wide, high),
         "letters": [letters(way) for way in (-cut.right, cut.right, -cut.down, cut.down)],
         "scale": max((mm for mm in SCALES_MM if mm <= LONGEST_SCALE * cut.field_mm), default=SCALES_MM[0]),
-        "title": _title(state, view, cut),
+        **titled(title, pane),
         "cross": _pair(cut, state.look.crosshair_mm) if view in STANDARD_NAMES else None,
         **names.of_all(paths, _markers(state, cut, show_rejected, (wide, high)), points),
         "regions": [
@@ -106,13 +107,18 @@ def frame(half: float, wide: float, high: float) -> dict[str, Any]:
     return {"box": f"{-wide} {-high} {2 * wide} {2 * high}", "half": half, "wide": wide, "high": high}
 
 
-def _title(state: PlannerState, view: str, cut: Cut) -> str:
+def titled(title: str, pane: Pane) -> dict[str, Any]:
+    """Return a view's title, and how many lines it takes."""
+    return {"title": title, "title_lines": pane.title_lines(title)}
+
+
+def _title(state: PlannerState, view: str, cut: Cut, pane: Pane) -> str:
     if view in STANDARD_NAMES:
         return f"{view}  {_level(float(state.look.crosshair_mm @ cut.away), cut)}{_missing(state, cut)}"
     path = state.look.chosen
     assert path is not None
     if view != ACROSS:
-        return TITLES[view].format(isolated(path.name))
+        return TITLES[view].format(isolated(pane.room(1.0).shortened(path.name)))
     left = round(float((path.target_mm - cut.center_mm) @ path.inward), 1)
     deep = round(float((cut.center_mm - path.entry_mm) @ path.inward), 1)
     # marks of the cuts beside it count from the target; this cut stays while an end is dragged, which may pass it

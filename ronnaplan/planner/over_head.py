@@ -8,7 +8,7 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.measuring import BESIDE_HALVES, drawn_rulers
-from ronnaplan.planner.over_cut import BEGUN_COLOUR, NOTHING, POINT_COLOUR, balls, frame, proposed
+from ronnaplan.planner.over_cut import BEGUN_COLOUR, NOTHING, POINT_COLOUR, balls, frame, proposed, titled
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Trajectory
@@ -40,7 +40,7 @@ def over_head(
     wide, high = pane.halves
     drawn = {**NOTHING, **frame(1, wide, high)}
     if camera is None:
-        return {**drawn, "title": "3-D is being made ready ..."}
+        return {**drawn, **titled("3-D is being made ready ...", pane)}
     points = [_point(camera, name, place, POINT_COLOUR) for name, place in state.landmarks_mm.items()]
     points += [
         _point(camera, name, place, state.look.regions[name].colour)
@@ -49,14 +49,15 @@ def over_head(
     ]
     points += [_point(camera, label, entry, PROPOSED_COLOUR) for label, entry in proposed(state)]
     points += [_point(camera, one.name, one.tip_mm, TOOL_COLOUR) for one in state.following.seen]
-    names = Names(pane.room(1.0))
+    title = wanting or _title(state, drawn_here=drawn_here)
+    names = Names(pane.room(1.0, title))
     paths = [_path(camera, one, state) for one in state.case.plan.trajectories]
     points.append(_point(camera, "", state.look.crosshair_mm, CROSS_COLOUR))
     if state.look.begun_mm is not None:
         points.append(_point(camera, "entry", state.look.begun_mm, BEGUN_COLOUR))
     return {
         **drawn,
-        "title": wanting or _title(state, drawn_here=drawn_here),
+        **titled(title, pane),
         **names.of_all(paths, _markers(state, camera, show_rejected), [one for one in points if one is not None]),
         "rulers": drawn_rulers(
             state, lambda points: camera.on_screen(points)[:, :2], lambda _: True, names, drawn["half"]

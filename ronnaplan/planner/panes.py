@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 from ronnaplan.scene.names import Names, Room
 
 EM_PIXELS = 12.0
 """Height of the letters, unless the page says otherwise, as it does on very large screens."""
 
-TITLE_EM = 2.0
-"""Height of what a view's title stands in, at its top, in heights of the letters."""
+TITLE_EM, TITLE_LINE_EM = 2.0, 1.5
+"""Height of what a view's title of one line stands in, at its top, and of each further line, in letters' heights."""
+
+TITLE_LETTER_EM, BESIDE_TITLE_PIXELS = 0.46, 34.0
+"""How wide a title's letter is on average, most being small; and what a view's button and edges take of its lines."""
+
+MOST_TITLE_LINES, MOST_TITLE_SHARE = 3, 0.3
+"""A title that is longer is cut: so many lines, and so much of the view's height."""
 
 EDGE_EM, EDGE_HIGH_EM = 1.1, 1.4
 """Half the width of a letter at an edge of a cut, and how high it stands, in heights of the letters."""
@@ -40,15 +48,30 @@ class Pane:
         shorter = max(min(self.width, self.height), 1.0)
         return max(self.width, 1.0) / shorter, max(self.height, 1.0) / shorter
 
-    def room(self, half: float) -> Room:
-        """Return the room for names, in units of which ``half`` are half the shorter side."""
+    def room(self, half: float, title: str = "") -> Room:
+        """Return the room for names below a ``title``, in units of which ``half`` are half the shorter side."""
         wide, high = self.halves
         em = self.em * self.pixel(half)
-        return Room(half * wide, half * high, em, title=TITLE_EM * em)
+        title_em = TITLE_EM + TITLE_LINE_EM * (self.title_lines(title) - 1)
+        return Room(half * wide, half * high, em, title=title_em * em)
 
-    def names(self, half: float) -> Names:
-        """Return the writing of names over a cut, in the same units: none on the letters at its four edges."""
-        room = self.room(half)
+    def title_lines(self, title: str) -> int:
+        """Return how many lines a title takes."""
+        side, letters = self.width - BESIDE_TITLE_PIXELS, Room(1.0, 1.0, self.em, TITLE_LETTER_EM)
+        lines, line = 1, ""
+        for word in title.split():
+            longer = f"{line} {word}".lstrip()
+            fits = letters.length(longer) <= side or not line
+            lines, line = (lines, longer) if fits else (lines + 1, word)
+        most = int(MOST_TITLE_SHARE * self.height / (TITLE_LINE_EM * self.em))
+        return max(1, min(lines, most, MOST_TITLE_LINES))
+
+    def names(self, half: float, title: str, told: Iterable[dict[str, Any]] = ()) -> Names:
+        """Return the writing of names over a cut, in the same units.
+
+        None stands on the letters at its four edges, nor on what is ``told`` elsewhere (label, at, anchor).
+        """
+        room = self.room(half, title)
         wide, high = EDGE_EM * room.em, EDGE_HIGH_EM * room.em
         top, bottom = room.title - room.high, room.high - high
         middles = [(-wide, top, wide, top + high), (-wide, bottom, wide, room.high)]
@@ -56,7 +79,9 @@ class Pane:
             (-room.wide, -high / 2, 2 * wide - room.wide, high / 2),
             (room.wide - 2 * wide, -high / 2, room.wide, high / 2),
         ]
-        return Names(room, [*middles, *sides])
+        places = ((one, *one["at"]) for one in told)
+        written = [room.box(one["label"], x, y, one["anchor"]) for one, x, y in places]
+        return Names(room, [*middles, *sides, *written])
 
     def pixel(self, half: float) -> float:
         """Return how wide a pixel of the page is, in the same units."""

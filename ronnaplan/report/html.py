@@ -92,7 +92,8 @@ def box(css: str, heading: str, items: Sequence[str]) -> str:
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a table of texts; without a header its first column names the rows."""
-    top = f"<thead><tr>{''.join(element('th', cell) for cell in header)}</tr></thead>" if header else ""
+    named = "".join(element("th" if cell else "td", cell) for cell in header)  # no header that says nothing
+    top = f"<thead><tr>{named}</tr></thead>" if header else ""
     first = "td" if header else "th"
     body = "".join(
         f"<tr>{element(first, name, _broken(name))}{''.join(element('td', cell, _css(cell)) for cell in cells)}</tr>"

@@ -43,8 +43,7 @@ STYLE = """
 .scene canvas, .scene #still { position: absolute; width: 100%; height: 100%; object-fit: contain }
 .scene canvas { touch-action: pan-y }
 .scene #names { position: absolute; inset: 0; overflow: hidden; pointer-events: none }
-.scene #names span { position: absolute; max-width: 50%; overflow: hidden; text-overflow: ellipsis;
-  white-space: nowrap; font-size: 13px; line-height: 15px;
+.scene #names span { position: absolute; white-space: nowrap; font-size: 13px; line-height: 15px;
   text-shadow: 0 0 3px #000, 0 0 3px #000 } .scene #names .side { font-weight: 700; color: #4fc3f7 }
 .scene details { position: absolute; right: .5rem; top: .5rem; max-height: 90%; overflow: auto; padding: .2rem .6rem;
   font-size: 12px; background: rgb(17 22 27 / 75%) } .scene summary { cursor: pointer } .scene label { display: block }

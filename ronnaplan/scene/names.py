@@ -32,6 +32,9 @@ LINE_EM, GAP = 1.15, 0.025
 LINES = (0, 1, -1, 2, -2, 3, -3)
 """So many lines down or up a name is tried; where all are taken it stands on another."""
 
+ANCHORS = {"start": 0.0, "middle": 0.5, "end": 1.0}
+"""What of a text stands left of the place that it is told for."""
+
 Box = tuple[float, float, float, float]
 """Left, top, right and bottom."""
 
@@ -64,9 +67,9 @@ class Room:
         return next((one for one in kept if self.length(one) <= self.wide), ELLIPSIS)
 
     def box(self, text: str, x: float, y: float, anchor: str = "start") -> Box:
-        """Return what a text covers that begins at ``x``, or ends there by its ``anchor``, and stands on ``y``."""
+        """Return what a text covers that begins, ends or has its middle (``anchor``) at ``x``, and stands on ``y``."""
         length = self.length(text)
-        left = x - length if anchor == "end" else x
+        left = x - length * ANCHORS[anchor]
         return left, y - self.em, left + length, y
 
     @property

@@ -28,6 +28,26 @@ def test_what_cannot_be_opened_is_told_in_a_sentence(tmp_path: Path, capsys: pyt
     assert (tmp_path / "plan.json").read_text() == "{}"
 
 
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (["CT", "--plan", "p.json", "--root", "."], "CT and --plan belong to one case; leave out --root"),
+        (["--plan", "p.json", "--root", "."], "--plan belongs to one case; leave out --root"),
+        (["--second", "mr.nii"], "--second belongs to one case; name its scan, too: ronnaplan view CT"),
+    ],
+)
+def test_what_belongs_to_one_case_is_refused_at_the_start_page(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    given: list[str],
+    told: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["view", *(str(cases.CT) if one == "CT" else one for one in given)]) == 2
+    assert told in capsys.readouterr().err
+
+
 def test_a_trackers_address_is_host_and_port() -> None:
     assert _address("localhost:18944") == ("localhost", 18944)
     for bad in ("localhost", ":1", "h:0", "h:99999", "h:x"):

@@ -75,6 +75,27 @@ def test_nothing_falls_off_the_screen(browser: Any, shared: Planner, width: int,
     assert page.locator("#undo").bounding_box()["x"] < width
 
 
+CUT_TITLES = """() => [...document.querySelectorAll(".rp-title")].filter((one) => one.offsetParent &&
+  (one.scrollWidth > one.clientWidth + 1 || one.scrollHeight > one.clientHeight + 1)).map((one) => one.textContent)"""
+UPPER_LETTERS_ON_TITLES = """() => [...document.querySelectorAll(".rp-edge-2")].filter((one) => one.offsetParent &&
+  one.getBoundingClientRect().top + 3 <
+  one.closest(".rp-view").querySelector(".rp-title").getBoundingClientRect().bottom).length"""
+
+
+@pytest.mark.parametrize(("width", "height", "cut"), [(960, 540, 0), (683, 384, 2), (1024, 768, 0)])
+def test_titles_are_read_where_the_page_is_enlarged(
+    browser: Any, shared: Planner, width: int, height: int, cut: int
+) -> None:
+    """Screens of 1,920 x 1,080 and of 1,366 x 768 that are enlarged twice; on these two say only what comes first."""
+    page = with_head(opened(browser, shared.url, width, height))
+    page.wait_for_function("document.querySelectorAll('.rp-title')[0].textContent.includes('mm')")
+    eventually(page, lambda: len(page.evaluate(CUT_TITLES)) == cut)
+    assert not any(
+        "axial" in one or ("to target" not in one and "3-D" not in one) for one in page.evaluate(CUT_TITLES)
+    )
+    assert page.evaluate(UPPER_LETTERS_ON_TITLES) == 0
+
+
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844)])
 def test_a_name_without_blanks_takes_nothing_off_the_panel(
     browser: Any, kept: Planner, width: int, height: int
@@ -131,6 +152,7 @@ def test_what_was_done_is_found_again_after_reload_and_after_a_crash(
     assert not page.locator("#gone").is_visible()
     running.kill()
     page.wait_for_selector("#gone >> text=What was done is kept")
+    assert "another address" in page.inner_text("#gone")  # where its port was taken meanwhile
     assert "sans-serif" in page.evaluate("getComputedStyle(document.getElementById('gone')).fontFamily")
     with planner(folder) as second:
         assert second.url == running.url

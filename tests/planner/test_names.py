@@ -86,6 +86,42 @@ def test_depths_are_told_as_often_as_there_is_room(state: PlannerState) -> None:
     assert [one["label"] for one in narrow] == ["50"]
 
 
+def test_no_name_stands_on_a_depth(state: PlannerState) -> None:
+    """Neither could be read there."""
+    left = state.case.plan.trajectory("left")
+    for number, share in enumerate((0.35, 0.45, 0.55, 0.65)):
+        for side in (-32.0, 32.0):  # so far from it that some names have room towards it only
+            beside = left.entry_mm + share * (left.target_mm - left.entry_mm) + np.array([side, 0.0, 0.0])
+            state.case.add(
+                replace(left, name=f"approach number {number}, {side:+.0f} mm beside it", entry_mm=beside)
+            )
+    state.look.select("left")
+    pane = Pane(350.0, 350.0)
+    drawn = over_cut(state, "inline", False, pane)
+    room = pane.room(drawn["half"])
+    depths = [
+        room.box(one["label"], one["at"][0], one["at"][1], one["anchor"])
+        for one in drawn["paths"][-1]["ticks"]
+        if one["label"]
+    ]
+    names = [room.box(**one["written"]) for one in drawn["paths"] if one["written"]["text"]]
+    assert len(depths) > 4
+    assert len(names) > 2
+    for name in names:
+        for depth in depths:
+            assert name[2] <= depth[0] or depth[2] <= name[0] or name[3] <= depth[1] or depth[3] <= name[1]
+
+
+def test_the_title_shows_beginning_and_end_of_a_long_name(state: PlannerState) -> None:
+    """Of two that begin alike one could not tell which is shown."""
+    state.case.rename("left", "left anterior hippocampus through the middle temporal gyrus, second")
+    state.look.select(state.case.plan.trajectories[0].name)
+    title = over_cut(state, "inline", False, Pane(340.0, 340.0))["title"]
+    assert title.startswith("in line with left ant")
+    assert title.endswith("second")
+    assert len(title) < 45
+
+
 def test_values_of_measurements_and_names_of_points_stand_within_the_view(state: PlannerState) -> None:
     """At a corner of the view, where they would stand in its title, or beyond its edge."""
     pane = Pane(400.0, 400.0)

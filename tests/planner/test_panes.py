@@ -28,6 +28,29 @@ def test_a_picture_has_the_screens_pixels_and_fewer_of_the_same_shape_where_they
     assert min(Pane(1.0, 2000.0).shape(100)) >= 16
 
 
+TITLE = "probe's eye, 8.3 mm to target, 63.3 deep"
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "lines"),
+    [(340.0, 350.0, 1), (200.0, 240.0, 2), (110.0, 160.0, 2), (110.0, 300.0, 3), (200.0, 40.0, 1)],
+)
+def test_a_title_has_the_lines_that_it_needs_and_no_name_stands_on_them(
+    width: float, height: float, lines: int
+) -> None:
+    """It was cut where a page was enlarged: where the target is could not be read."""
+    pane = Pane(width, height)
+    assert pane.title_lines(TITLE) == lines
+    assert pane.title_lines("") == pane.title_lines("axial") == 1
+    pixel = pane.pixel(1.0)
+    assert pane.room(1.0, TITLE).title == pytest.approx((24.0 + 18.0 * (lines - 1)) * pixel)
+    highest = pane.names(1.0, TITLE).of_places([{"label": "F1", "x": 0.3, "y": -5.0, "r": 0.0}])
+    assert highest[0]["written"]["text"] == ""  # outside the view
+    high = pane.halves[1]
+    (top,) = pane.names(1.0, TITLE).of_places([{"label": "F1", "x": 0.3, "y": 0.001 - high, "r": 0.0}])
+    assert top["written"]["y"] + high >= (24.0 + 18.0 * (lines - 1) + 12.0) * pixel - 1e-9
+
+
 def test_names_have_the_room_that_the_pages_letters_leave() -> None:
     usual, large = (Pane(900.0, 900.0, em=em).room(100.0) for em in (12.0, 17.0))
     assert large.em / usual.em == pytest.approx(17 / 12)

@@ -60,6 +60,13 @@ def test_hostile_text_is_text_wherever_it_stands() -> None:
     assert reader.text.count(HOSTILE) == 12
 
 
+def test_no_header_of_a_table_is_empty() -> None:
+    """A screen reader would say one for nothing."""
+    told = table(("", "value"), [("length", "3 mm")])
+    assert "<th></th>" not in told
+    assert told.count("<th>") == 1
+
+
 def test_a_failed_limit_stands_out() -> None:
     assert '<td class="fail">FAIL</td>' in table(["limit", ""], [["length", "FAIL"]])
 

@@ -10,6 +10,7 @@ import pytest
 
 from ronnaplan.scene.files import PAGE
 from ronnaplan.scene.names import GAP, LINE_EM, LINES, Names, Room
+from ronnaplan.text import ELLIPSIS, abridged
 from tests.loops import apart
 from tests.planner.browser import chromium, needs_browser
 
@@ -200,6 +201,31 @@ def by_the_page(widths: list[float], places: list[tuple[float, float]]) -> list[
             [PIXELS, widths, places],
         )
     return found
+
+
+def shortened_by_the_page(names: list[str], most: int) -> list[str]:
+    """What `names.js` makes of names of which so many letters fit."""
+    with chromium() as browser:
+        page = browser.new_page()
+        page.add_script_tag(content=(PAGE / "names.js").read_text(encoding="utf-8"))
+        shortened: list[str] = page.evaluate(
+            """([names, most]) => {
+                const fits = (text) => [...text].length <= most;
+                return names.map((name) => window.ronnaplanShortened(name, fits));
+            }""",
+            [names, most],
+        )
+    return shortened
+
+
+@needs_browser
+@pytest.mark.parametrize("most", [1, 3, 12])
+def test_the_page_of_a_scene_shortens_names_as_a_picture_does(most: int) -> None:
+    names = ["left STN", "left amygdala, second", "\U0001d400" * 30, "left a b c d e f g right", "x" * 500]
+    rule = [abridged(name, most) if most > 2 else ELLIPSIS for name in names]
+    assert apart(shortened_by_the_page, names, most) == [
+        name if len(name) <= most else short for name, short in zip(names, rule, strict=True)
+    ]
 
 
 @needs_browser

@@ -77,6 +77,9 @@ def test_no_name_covers_another_nor_leaves_the_page(tmp_path: Path, looked: Call
         )
         for n in range(6)
     ]
+    near[5] = replace(
+        near[5], label="a path with a long name, of which half the page has room for, then the name, second"
+    )
     near[4] = replace(near[4], label="\u05e9\u05de\u05d0\u05dc (\u05e7\u05d3\u05de\u05d9) " * 9)
     file = tmp_path / "scene.html"
     file.write_bytes(html([*near, SKIN], "a case", b""))
@@ -162,7 +165,12 @@ def read_names(page: Any, page_file: Path) -> None:
     names = page.locator("#names span:not(.side)")
     boxes = [name.bounding_box() for name in names.all()]
     ways = names.evaluate_all("(spans) => spans.map((one) => getComputedStyle(one).direction)")
-    assert ways == ["ltr"] * 4 + ["rtl", "ltr"]  # so that the end of each is cut off, not its beginning
+    assert ways == ["ltr"] * 4 + ["rtl", "ltr"]
+    written = names.all_text_contents()
+    assert written[0] == "a path with a long name 0"
+    assert written[5].startswith("a path with a long")
+    assert written[5].endswith("name, second")
+    assert "\u2026" in written[5]
     assert len(boxes) == 6
     assert all(one["x"] >= 0 and one["x"] + one["width"] <= 500 for one in boxes)
     for number, one in enumerate(boxes):

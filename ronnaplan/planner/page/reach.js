@@ -8,7 +8,7 @@
     <p>It has ended, or does not answer. What was done is kept in the case's folder. What was dragged, typed or clicked since it last
     answered is gone if it has ended; if it was only held up, it is taken then.</p>
     <p id="gone-how">Start it again with <kbd>ronnaplan view</kbd>: this page goes on by itself, as it does where the planner was only held
-    up.</p>`;
+    up. If it prints another address, as where another program has its port, open that.</p>`;
   const ELSEWHERE = "Another planner answers here: open the address that yours printed.";
   const KEPT_OUT = "The planner answers, but took no connection from this page: it may be open in too many. Trying again ...";
   let missed = 0, lostAt = null, heardAt = 0;

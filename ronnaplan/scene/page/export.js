@@ -19,7 +19,15 @@
     thing.written = document.getElementById("names").appendChild(document.createElement("span"));
     thing.written.className = thing.kind ?? "";
     thing.written.dir = "auto"; // a name from right to left is shortened at its left
-    thing.written.textContent = thing.label;
+  }
+  const pen = document.createElement("canvas").getContext("2d");
+  let room = 0;
+  function shorten() {
+    room = canvas.clientWidth;
+    for (const { written, label } of named) {
+      pen.font = getComputedStyle(written).font;
+      written.textContent = window.ronnaplanShortened(label, (text) => pen.measureText(text).width <= room / 2);
+    }
   }
 
   function redraw() {
@@ -30,6 +38,7 @@
     const position = middle.map((at, n) => at + eye.away * back[n]);
     viewer.eye = { position, axes: [...right, ...top, ...back], away: eye.away };
     viewer.redraw();
+    if (room !== canvas.clientWidth) shorten();
     const beside = window.ronnaplanNames(canvas);
     for (const thing of named) {
       const [across, down, away] = viewer.onScreen(thing.labelAt);

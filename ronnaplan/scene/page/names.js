@@ -1,3 +1,16 @@
+// As much of a name's beginning and of its end as `fits`, by the rule of `abridged` in text.py: a test holds the two together.
+window.ronnaplanShortened = (name, fits) => {
+  const letters = [...name], part = (from, to) => letters.slice(from, to).join("");
+  const abridged = (longest) => `${part(0, Math.floor(longest / 2)).trimEnd()}\u2026${part(letters.length - Math.floor((longest - 1) / 2)).trimStart()}`;
+  if (fits(name)) return name;
+  let kept = 2, most = letters.length;
+  while (most - kept > 1) {
+    const middle = (kept + most) >> 1;
+    if (fits(abridged(middle))) kept = middle;
+    else most = middle;
+  }
+  return kept > 2 ? abridged(kept) : "\u2026";
+};
 // Where names are written over a canvas, by the rule of names.py, in pixels: a test holds the two together.
 // Returns a function that takes a name's width and its place on the screen, and tells the left and top of its box, or null
 // where there is no room for it.
