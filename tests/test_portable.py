@@ -17,7 +17,7 @@ import pytest
 
 from ronnaplan import portable
 from ronnaplan.ct import find_series, read_ct
-from ronnaplan.documents import files, kept
+from ronnaplan.documents import files, open_document
 from ronnaplan.documents.fiducials import read_fiducials
 from ronnaplan.documents.plan import change_plan, plan_text, read_plan
 from ronnaplan.documents.revision import write_document
@@ -96,7 +96,7 @@ def test_a_series_is_read(tmp_path: Path, packed: bool) -> None:
 @pytest.mark.usefixtures("elsewhere")
 def test_documents_are_written_changed_and_kept(tmp_path: Path) -> None:
     path = cases.write_case(tmp_path) / "plan.json"
-    mine = kept.Kept(path, read_plan, plan_text)
+    mine = open_document.Kept(path, read_plan, plan_text)
     change_plan(path, lambda plan: plan.edit("left", notes="by another hand"))
     assert mine.look_again()
     assert mine.content is not None
