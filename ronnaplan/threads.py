@@ -54,7 +54,21 @@ def in_parts(work: Callable[[int, int], Result], count: int) -> list[Result]:
     """
     parts = max(min(PARTS_PER_CORE * cores(), count), 1)
     ends = [count * n // parts for n in range(parts + 1)]
-    return list(in_threads(lambda part: work(*part), pairwise(ends)))
+    done: dict[int, Result] = {}
+    left = iter(enumerate(pairwise(ends)))
+
+    def take() -> None:
+        for n, part in left:
+            done[n] = work(*part)
+
+    # Who asks works along: to begin a thread takes as long as many a part.
+    helpers = min(cores(), parts) - 1
+    with ThreadPoolExecutor(max(helpers, 1)) as pool:
+        others = [pool.submit(take) for _ in range(helpers)]
+        take()
+        for other in others:
+            other.result()
+    return [done[n] for n in range(parts)]
 
 
 def single_threaded_algebra() -> AbstractContextManager[Any]:

@@ -8,7 +8,7 @@ import threading
 import pytest
 
 from ronnaplan.cohort.children import ONE_THREAD
-from ronnaplan.threads import TOLD, cores, in_threads
+from ronnaplan.threads import TOLD, cores, in_parts, in_threads
 
 
 @pytest.mark.parametrize(("told", "expected"), [("3", 3), ("2,4", 2), (" 5 ", 5)])
@@ -37,12 +37,37 @@ def test_results_come_in_the_order_of_their_items(told: str, monkeypatch: pytest
     assert list(in_threads(lambda n: n * n, range(100))) == [n * n for n in range(100)]
 
 
+@pytest.mark.parametrize("told", ["1", "2", "4"])
+@pytest.mark.parametrize("count", [0, 1, 3, 100])
+def test_each_part_is_done_once_and_comes_in_its_place(
+    told: str, count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(TOLD, told)
+    parts = in_parts(lambda first, end: list(range(first, end)), count)
+    assert [number for part in parts for number in part] == list(range(count))
+
+
+@pytest.mark.parametrize("bad", [0, 99])
+def test_an_error_in_any_part_is_raised(bad: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(TOLD, "2")
+
+    def work(first: int, end: int) -> None:
+        threading.Event().wait(0.01)
+        if first <= bad < end:
+            raise ValueError("of this part")
+
+    with pytest.raises(ValueError, match="of this part"):
+        in_parts(work, 100)
+
+
 def test_one_core_begins_no_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(TOLD, "1")
     assert set(in_threads(lambda _: threading.get_ident(), range(3))) == {threading.get_ident()}
     monkeypatch.setenv(TOLD, "4")
     assert set(in_threads(lambda _: threading.get_ident(), range(3), most=1)) == {threading.get_ident()}
     assert threading.get_ident() not in set(in_threads(lambda _: threading.get_ident(), range(3)))
+    monkeypatch.setenv(TOLD, "1")
+    assert set(in_parts(lambda *_: threading.get_ident(), 8)) == {threading.get_ident()}
 
 
 def test_an_error_drops_what_has_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:

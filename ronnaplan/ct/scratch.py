@@ -18,6 +18,10 @@ from ronnaplan.portable import give_back, hold_singly, reserve
 GIVEN_BACK_S: Final = 0.01
 """So often the pages that were touched are given back; those that are needed again come from the system's cache."""
 
+AT_ONCE: Final = 8
+"""So many slices are gone through at a time where threads share them: each hands the interpreter to the others when it
+begins and takes it back when it ends, which for single slices takes as long as what is done with them."""
+
 
 def one_by_one(voxels: NDArray[Any]) -> Iterator[NDArray[Any]]:
     """Yield the slices of ``voxels`` (K, J, I); of those that lie in a `Scratch` none is held when the next one comes.
@@ -26,6 +30,16 @@ def one_by_one(voxels: NDArray[Any]) -> Iterator[NDArray[Any]]:
     """
     for plane in voxels:
         yield plane
+        let_go(voxels)
+
+
+def runs(voxels: NDArray[Any], first: int, end: int) -> Iterator[tuple[int, int]]:
+    """Yield first and past-the-last of runs of `AT_ONCE` slices of ``voxels``, from ``first`` to before ``end``.
+
+    Of those that lie in a `Scratch` none is held when the next ones come.
+    """
+    for start in range(first, end, AT_ONCE):
+        yield start, min(start + AT_ONCE, end)
         let_go(voxels)
 
 

@@ -16,7 +16,7 @@ from ronnaplan.bounds import LARGEST_HU
 from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.identity import ScanIdentity
 from ronnaplan.ct.limits import are_hu, fit_int16
-from ronnaplan.ct.scratch import one_by_one
+from ronnaplan.ct.scratch import one_by_one, runs
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.geometry import FloatArray, Frame, as_point, as_points
 from ronnaplan.text import place
@@ -265,6 +265,6 @@ class CTVolume(Gridded):
         """
         whole = all(fit_int16(plane) for plane in one_by_one(self.voxels_hu))
         digest = hashlib.sha256()
-        for plane in one_by_one(self.voxels_hu):
-            digest.update(np.ascontiguousarray(plane, "<i2" if whole else "<f4").data)
+        for first, end in runs(self.voxels_hu, 0, len(self.voxels_hu)):
+            digest.update(np.ascontiguousarray(self.voxels_hu[first:end], "<i2" if whole else "<f4").data)
         return digest.hexdigest()

@@ -8,7 +8,7 @@ import pytest
 
 from ronnaplan.ct import read_ct
 from ronnaplan.ct import scratch as under_test
-from ronnaplan.ct.scratch import Scratch
+from ronnaplan.ct.scratch import AT_ONCE, Scratch, runs
 from tests.ct.makers import write_series
 
 
@@ -23,6 +23,14 @@ def test_voxels_in_a_file_are_those_in_memory_however_often_they_are_given_back(
             assert np.array_equal(volume.voxels_hu, in_memory.voxels_hu)
     assert volume.voxel_sha256 == in_memory.voxel_sha256
     assert not list(room.iterdir())
+
+
+@pytest.mark.parametrize("count", [0, 1, AT_ONCE, 2 * AT_ONCE + 3])
+def test_who_goes_through_a_scan_a_few_slices_at_a_time_sees_each_once(count: int) -> None:
+    seen = [
+        number for first, end in runs(np.empty((count + 1, 2, 2)), 1, count + 1) for number in range(first, end)
+    ]
+    assert seen == list(range(1, count + 1))
 
 
 def test_where_the_disk_is_full_the_voxels_take_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

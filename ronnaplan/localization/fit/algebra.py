@@ -18,15 +18,26 @@ from ronnaplan.geometry import FloatArray
 def add_products(told: FloatArray, products: FloatArray) -> None:
     """Add to ``products`` (P, Q) those of the first P rows of ``told`` (Q, N) with all of its rows."""
     count, size = products.shape
-    for p in range(count):
-        one = told[p]
-        for q in range(p, size):
-            other, total = told[q], 0.0
+    for p in range(0, count, 2):
+        for q in range(p, size, 2):  # two by two: what is loaded counts twice
+            r, s = min(p + 1, count - 1), min(q + 1, size - 1)
+            one, two, first, second = told[p], told[r], told[q], told[s]
+            one_first = one_second = two_first = two_second = 0.0
             for n in range(len(one)):
-                total += one[n] * other[n]
-            products[p, q] += total
-            if p < q < count:
-                products[q, p] += total
+                one_first += one[n] * first[n]
+                one_second += one[n] * second[n]
+                two_first += two[n] * first[n]
+                two_second += two[n] * second[n]
+            if s == q:  # the last row is taken twice where their number is odd
+                one_second = two_second = 0.0
+            if r == p:
+                two_first = two_second = 0.0
+            if q == p:  # the same as the one above the diagonal
+                two_first = 0.0
+            for i, j, total in ((p, q, one_first), (p, s, one_second), (r, q, two_first), (r, s, two_second)):
+                products[i, j] += total
+                if i != j and j < count:
+                    products[j, i] += total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -174,6 +174,7 @@ def _tell(
             s += 1
         for a in range(4):
             seen[a] = -own[m, BACKGROUND] * told_by_slice[0, s, a] - ball[m] * told_by_slice[1, s, a]
-            for q in range(own.shape[1]):
+        for q in range(own.shape[1]):
+            for a in range(4):
                 seen[a] += own[m, q] * told[q, a]
         moves[kept[m]], left_over[kept[m]] = seen[:3], seen[3]

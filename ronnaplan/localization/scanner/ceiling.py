@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ronnaplan.ct.scratch import one_by_one
+from ronnaplan.ct.scratch import one_by_one, runs
 from ronnaplan.ct.volume import Voxels
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
@@ -38,8 +38,11 @@ def scale_end_hu(voxels_hu: Voxels) -> float:
     Of a ragged end the lower side is told: what lies above tells no more than that it is bright. Raises `InputError`
     where a voxel is no number.
     """
-    highest = in_parts(lambda first, end: [one.max() for one in one_by_one(voxels_hu[first:end])], len(voxels_hu))
-    tops = np.array([top for part in highest for top in part], dtype=np.float64)
+
+    def highest(first: int, end: int) -> list[Voxels]:
+        return [voxels_hu[start:stop].max(axis=(1, 2)) for start, stop in runs(voxels_hu, first, end)]
+
+    tops = np.concatenate([top for part in in_parts(highest, len(voxels_hu)) for top in part]).astype(np.float64)
     top = float(tops.max())
     if math.isnan(top):
         raise InputError(

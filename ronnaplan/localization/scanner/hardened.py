@@ -27,7 +27,6 @@ from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.algebra import inverse
 from ronnaplan.localization.fit.ball_fit import BallFit
-from ronnaplan.localization.fit.descent import residuals_and_jacobian
 from ronnaplan.localization.fit.model import has_layer
 from ronnaplan.localization.fit.neighbourhood import first_of_each
 from ronnaplan.localization.fit.parameters import BACKGROUND, BLUR, CENTER, RADIUS, WIDTH, U, V, W
@@ -120,10 +119,10 @@ def _share(fit: BallFit, hardened_hu: FloatArray, before: float) -> float:
 
     It is a random effect: it is believed as far as it stands out from the residuals.
     """
-    seen = fit.neighbourhood.select(fit.used)
-    rest_hu, jacobian = residuals_and_jacobian(seen, fit.theta, fit.prior.layer_mm, fit.ceiling_hu)
+    used = np.flatnonzero(fit.used)
+    jacobian, rest_hu = fit.jacobian.take(used, axis=0), fit.unshaded_hu.take(used)
     is_measured = jacobian[:, BACKGROUND] != 0.0  # where the scale has ended nothing is
-    informed = np.column_stack([jacobian, hardened_hu[fit.used] * is_measured])
+    informed = np.column_stack([jacobian, hardened_hu.take(used) * is_measured])
     covariance = inverse(informed.T @ informed + np.diag([*fit.prior.weight, 0.0]))
     free = float((covariance @ (informed.T @ rest_hu))[-1])
     variance = ALIKE_VOXELS * float(np.mean(rest_hu**2)) * float(covariance[-1, -1])

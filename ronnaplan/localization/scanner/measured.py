@@ -11,7 +11,6 @@ scan is again the one that was made.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
-from ronnaplan.ct.scratch import let_go
+from ronnaplan.ct.scratch import runs
 from ronnaplan.ct.volume import CTVolume, VolumeFlag, Voxels
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
@@ -88,21 +87,17 @@ def measured(volume: CTVolume) -> CTVolume:
 
 def _slices(volume: CTVolume) -> list[_Measured]:
     """Find all slices that were measured, in order."""
-    voxels_hu, gaps_mm = volume.voxels_hu, volume.grid.spacings_mm.tolist()
+    voxels_hu, gaps_mm = volume.voxels_hu, volume.grid.spacings_mm
     count = len(voxels_hu)
     computed, meeting = np.zeros(count, dtype=np.bool_), np.full(count, np.nan)
 
     def mark(first: int, end: int) -> None:
-        for k in range(first + 1, end + 1):
-            share = gaps_mm[k - 1] / (gaps_mm[k - 1] + gaps_mm[k])
-            computed[k] = _is_between(voxels_hu[k - 1], voxels_hu[k], voxels_hu[k + 1], share)
-            let_go(voxels_hu)
+        for start, stop in runs(voxels_hu, first + 1, end + 1):
+            _mark_computed(voxels_hu, gaps_mm, start, stop, computed)
 
     def meet(first: int, end: int) -> None:
-        for k in range(first + 1, end + 1):
-            if not (computed[k] or computed[k + 1]):
-                meeting[k] = _meet(voxels_hu[k - 1 : k + 3], *_ratios(gaps_mm[k - 1 : k + 2]))
-                let_go(voxels_hu)
+        for start, stop in runs(voxels_hu, first + 1, end + 1):
+            _find_meeting(voxels_hu, gaps_mm, start, stop, computed, meeting)
 
     in_parts(mark, max(count - 2, 0))
     in_parts(meet, max(count - 3, 0))
@@ -115,10 +110,10 @@ def _slices(volume: CTVolume) -> list[_Measured]:
     return slices
 
 
-def _ratios(gaps_mm: Sequence[float]) -> tuple[float, float]:
+@njit(cache=True, nogil=True)
+def _ratios(gaps_mm: FloatArray) -> tuple[float, float]:
     """Return the middle one of three gaps as a multiple of the one before and of the one behind."""
-    before, gap, behind = gaps_mm
-    return gap / before, gap / behind
+    return gaps_mm[1] / gaps_mm[0], gaps_mm[1] / gaps_mm[2]
 
 
 def _voxels(volume: CTVolume, one: _Measured) -> Voxels:
@@ -127,11 +122,19 @@ def _voxels(volume: CTVolume, one: _Measured) -> Voxels:
     here: Voxels = volume.voxels_hu[k]
     if share == 0.0:
         return here
-    before, behind = _ratios(volume.grid.spacings_mm[k - 1 : k + 2].tolist())
+    before, behind = _ratios(volume.grid.spacings_mm[k - 1 : k + 2])
     first, low, high, last = volume.voxels_hu[k - 1 : k + 3].astype(np.float32)
     from_below, from_above = low + share * before * (low - first), high - (1.0 - share) * behind * (last - high)
     told: FloatArray = (1.0 - share) * from_below + share * from_above
     return told.astype(np.float32) if here.dtype == np.float32 else np.round(told).astype(np.int16)
+
+
+@njit(cache=True, nogil=True)
+def _mark_computed(voxels: Voxels, gaps: FloatArray, first: int, end: int, computed: NDArray[np.bool_]) -> None:
+    """Mark in ``computed`` (K,) which of the slices ``first`` to ``end`` lie on lines between their neighbours."""
+    for k in range(first, end):
+        share = gaps[k - 1] / (gaps[k - 1] + gaps[k])
+        computed[k] = _is_between(voxels[k - 1], voxels[k], voxels[k + 1], share)
 
 
 @njit(cache=True, nogil=True)
@@ -149,6 +152,17 @@ def _is_between(before: Voxels, here: Voxels, after: Voxels, share: float) -> bo
                 return False
             changes = changes or abs(high - low) > CHANGE_HU
     return changes
+
+
+@njit(cache=True, nogil=True)
+def _find_meeting(
+    voxels: Voxels, gaps: FloatArray, first: int, end: int, computed: NDArray[np.bool_], meeting: FloatArray
+) -> None:
+    """Fill ``meeting`` (K,) behind the slices ``first`` to ``end`` with what `_meet` tells, where none was computed."""
+    for k in range(first, end):
+        if not (computed[k] or computed[k + 1]):
+            before, behind = _ratios(gaps[k - 1 : k + 2])
+            meeting[k] = _meet(voxels[k - 1 : k + 3], before, behind)
 
 
 @njit(cache=True, nogil=True)
