@@ -44,10 +44,20 @@ def require_file(path: str | os.PathLike[str], *, expected: str) -> None:
     try:
         if source.is_file():
             return
-        reason = "it is no regular file" if source.exists() else "there is no such file"
+        reason = _no_file(source)
     except (OSError, ValueError) as error:  # a path with a null byte is a ValueError
         reason = getattr(error, "strerror", None) or str(error)
     raise InputError(f"{os.fspath(path)} cannot be read: {reason}; expected {expected}")
+
+
+def _no_file(path: Path) -> str:
+    """Say why there is nothing to read at ``path``, where there is no regular file."""
+    if path.is_dir():
+        return "it is a folder"
+    if path.exists():
+        return "it is no regular file, so save what a pipe brings to one"
+    is_input = os.fspath(path) == "-"  # by which other programs mean standard input
+    return "standard input is not read, so save what it brings to a file" if is_input else "there is no such file"
 
 
 def parse_json(content: bytes) -> Any:

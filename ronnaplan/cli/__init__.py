@@ -48,10 +48,7 @@ GIVEN = "_given"
 
 
 class _Once(argparse.Action):
-    """Keeps an option's value; the option given again is wrong usage, for argparse would keep the last silently.
-
-    So is an empty one, as a script's variable that is not set leaves it: it would count as none.
-    """
+    """Keeps an option's value; the option given again is wrong usage, for argparse would keep the last silently."""
 
     def __call__(
         self,
@@ -63,10 +60,29 @@ class _Once(argparse.Action):
         given: set[str] = vars(namespace).setdefault(GIVEN, set())
         if option is not None and self.dest in given:
             raise argparse.ArgumentError(self, "is given twice; give it once")
-        if values == "":
-            raise argparse.ArgumentError(self, "is empty; say what it is, or leave it out")
+        _require_said(self, values)
         given.add(self.dest)
         setattr(namespace, self.dest, values)
+
+
+class _Each(argparse.Action):
+    """Keeps what an option was given each time."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option: str | None = None,
+    ) -> None:
+        _require_said(self, values)
+        setattr(namespace, self.dest, [*(getattr(namespace, self.dest) or ()), values])
+
+
+def _require_said(action: argparse.Action, values: Any) -> None:
+    """Refuse an empty value, as a script's variable that is not set leaves it: it would count as none, or as here."""
+    if values == "" or (isinstance(values, list) and "" in values):
+        raise argparse.ArgumentError(action, "is empty; say what it is, or leave it out")
 
 
 class _Parser(argparse.ArgumentParser):
@@ -75,8 +91,8 @@ class _Parser(argparse.ArgumentParser):
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
         self._negative_number_matcher = NEGATIVE  # before Python 3.14 argparse takes -1.5e-05 for an option
-        for action in (None, "store"):  # an option that may be repeated says so by another action
-            self.register("action", action, _Once)
+        for name, action in ((None, _Once), ("store", _Once), ("append", _Each)):
+            self.register("action", name, action)
 
     def error(self, message: str) -> None:  # type: ignore[override]
         raise UsageError(f"{message} (see '{self.prog} --help')")

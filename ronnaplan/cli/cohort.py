@@ -40,6 +40,10 @@ def run(arguments: argparse.Namespace) -> int:
         return _init(arguments)
     if arguments.output is None or (not arguments.roots and not arguments.as_listed):
         raise UsageError("a ROOT and -o OUT are needed; --rules FILE --init writes example rules")
+    from ronnaplan.cohort.places import is_url
+
+    if is_url(arguments.output):
+        raise UsageError(f"-o {arguments.output} is a URL; name a folder of this machine, and copy it there then")
     from tqdm.contrib.logging import logging_redirect_tqdm
 
     from ronnaplan.cohort.cohort import run_cohort

@@ -157,7 +157,8 @@ def _write(path: Path, columns: dict[str, str], rows: Iterator[Row]) -> None:
     schema = _schema(columns)
     beside = path.with_name(f".{path.name}.part")
     try:
-        with ParquetWriter(beside, schema, compression="zstd") as writer:
+        # opened here, for pyarrow takes a folder called a:b for an address
+        with beside.open("wb") as file, ParquetWriter(file, schema, compression="zstd") as writer:
             while batch := list(islice(rows, BATCH)):
                 table = pa.Table.from_pylist([{name: row.get(name) for name in columns} for row in batch], schema)
                 writer.write_table(table)

@@ -10,7 +10,7 @@ from ronnaplan.tracking.cells import plain_text
 
 HEADER = (
     *("label", "x", "y", "z", "sigma_x", "sigma_y", "sigma_z"),
-    *("diameter_mm", "contrast_hu", "flags", "frame_of_reference_uid"),
+    *("diameter_mm", "contrast_hu", "flags", "coordinate_system", "frame_of_reference_uid"),
 )
 
 
@@ -28,6 +28,7 @@ def csv_table(document: FiducialsDocument) -> str:
                 *(f"{number:.6f}" for number in numbers),
                 f"{entry.contrast_hu:.1f}",
                 plain_text(" ".join(entry.flags)),
+                "LPS",
                 plain_text(document.source.frame_of_reference_uid or ""),
             ]
         )

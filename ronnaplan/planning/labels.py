@@ -15,11 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.ct import read_ct
+from ronnaplan.ct.frames import PLAIN_SYNTAXES
 from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.images import is_image_file
+from ronnaplan.ct.kinds import PLUGINS
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import FloatArray
+from ronnaplan.text import printable
+from ronnaplan.untrusted import require_file
 
 GRID_TOLERANCE_MM = 0.1
 """Voxel centers of scan and label map agree within this: slices may be written to 0.1 mm, each up to half of that off
@@ -94,15 +98,16 @@ def _put(target: NDArray[Any], values: NDArray[Any], fitted: Any) -> None:
 
 def _from_seg(path: Path, volume: CTVolume) -> Masks:
     from pydicom import dcmread
-    from pydicom.errors import InvalidDicomError
 
+    require_file(path, expected="a label map: NIfTI, NRRD, MetaImage or DICOM SEG")
     try:
         dataset = dcmread(path)
-    except (OSError, InvalidDicomError, ValueError) as error:
+        names = ("SOPClassUID", "Modality", "FrameOfReferenceUID")
+        sop_class, modality, frame_uid = (dataset.get(name) for name in names)
+    except Exception as error:  # of what is damaged pydicom raises whatever it meets
         raise InputError(f"{path} is neither a NIfTI, NRRD or MetaImage file nor a readable DICOM SEG") from error
-    if dataset.get("SOPClassUID") != SEGMENTATION_STORAGE:
-        raise InputError(f"{path} is a DICOM {dataset.get('Modality', 'object')}; expected a segmentation (SEG)")
-    frame_uid = dataset.get("FrameOfReferenceUID")
+    if sop_class != SEGMENTATION_STORAGE:
+        raise InputError(f"{path} is a DICOM {modality or 'object'}; expected a segmentation (SEG)")
     if frame_uid is None or str(frame_uid) != volume.frame.uid:
         raise FrameMismatchError(
             f"{path} is in frame of reference {frame_uid}, the scan in {volume.frame.uid}; "
@@ -110,12 +115,15 @@ def _from_seg(path: Path, volume: CTVolume) -> Masks:
         )
     try:
         return _segments(dataset, volume, path)
-    except (AttributeError, KeyError, IndexError, TypeError, ValueError, NotImplementedError) as error:
-        raise InputError(f"{path} is not a complete DICOM SEG ({error}); export it again") from error
+    except InputError:
+        raise
+    except Exception as error:  # likewise
+        told = str(error).partition("\n")[0] or type(error).__name__
+        raise InputError(f"{path} is not a complete DICOM SEG ({printable(told)}); export it again") from error
 
 
 def _segments(dataset: Any, volume: CTVolume, path: Path) -> Masks:
-    frames = np.asarray(dataset.pixel_array)
+    frames = _pixels(dataset, path)
     frames = frames.reshape(-1, *frames.shape[-2:])
     names = {
         int(item.SegmentNumber): str(item.get("SegmentLabel", "") or f"segment {item.SegmentNumber}")
@@ -131,6 +139,17 @@ def _segments(dataset: Any, volume: CTVolume, path: Path) -> Masks:
         _put(drawn, pixels[np.newaxis] > 0, (None, matrix))
         mask[k : k + 1] |= drawn  # several segments may have one name
     return masks
+
+
+def _pixels(dataset: Any, path: Path) -> NDArray[Any]:
+    """Return the values of all frames, decoded by what decodes a scan: others may end the process on a damaged one."""
+    syntax = str(dataset.file_meta.TransferSyntaxUID)
+    if syntax not in PLAIN_SYNTAXES.union(PLUGINS):
+        raise InputError(
+            f"{path} is compressed as {printable(syntax)}, which is not read for a SEG; export it uncompressed"
+        )
+    dataset.pixel_array_options(decoding_plugin=PLUGINS.get(syntax, ""))
+    return np.asarray(dataset.pixel_array)
 
 
 def _slice_of(groups: Any, shared: Any, shape: tuple[int, int], volume: CTVolume, path: Path) -> Any:

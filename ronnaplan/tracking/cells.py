@@ -17,7 +17,8 @@ MOST_FRAMES = 2**53 - 1
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "missing", "-"})
 NO_POSITION = "no position"
 NO_PLAIN_NUMBER = "a coordinate that is no plain number, such as -1234.5"
-"""Statuses of a reading without a place: one that is not written, and one that is written otherwise."""
+DECIMAL_COMMA = "a coordinate with a comma, a decimal one only where ';' or a tab stands between the columns"
+"""Statuses of a reading without a place: one that is not written, and two that are written otherwise."""
 NO_NUMBER = "no frame number"
 """Status of a pose of no numbered frame among numbered ones: it would be taken for another frame's."""
 STATUS_COLUMNS = ("status", "state")
@@ -53,7 +54,9 @@ def place_status(cells: Sequence[str], position_mm: FloatArray, delimiter: str =
     """
     if np.isfinite(position_mm).all():
         return OK
-    odd = any(cell.strip(BLANKS).lower() not in MISSING and number(cell, delimiter) is None for cell in cells)
+    odd = [cell for cell in cells if cell.strip(BLANKS).lower() not in MISSING and number(cell, delimiter) is None]
+    if any(number(cell, ";") is not None for cell in odd):
+        return DECIMAL_COMMA
     return NO_PLAIN_NUMBER if odd else NO_POSITION
 
 

@@ -142,7 +142,6 @@ def test_a_bad_call_ends_in_one_sentence_and_writes_nothing(
 @pytest.mark.parametrize(
     ("arguments", "status", "sentence"),
     [
-        (["localize", "", "--diameter", "11.5"], 1, "expected the path of a CT"),
         (["localize", "{ct}", "--diameter", "1e9"], 1, "more than half of this scan"),
         (["localize", "{ct}", "--diameter", "1_1"], 2, "positive number of mm"),
         (["localize", "{ct}", "--diameter", "11,5"], 2, "may be 11.5 mm or 2 diameters"),
@@ -162,6 +161,11 @@ def test_a_bad_call_ends_in_one_sentence_and_writes_nothing(
         (["localize", "{ct}", "--diameter", "11.5", "-o", "/nowhere/at/all.json"], 1, "does not exist"),
         (["plan", "check", "", "--ct", "{ct}"], 2, "PLAN: is empty"),
         (["plan", "check", "plan.json", "--ct", "{ct}", "--fiducials", ""], 2, "--fiducials: is empty"),
+        (["localize", "", "--diameter", "11.5"], 2, "PATH: is empty"),
+        (["plan", "check", "plan.json", "--ct", "{ct}", "--no-go", ""], 2, "--no-go: is empty"),
+        (["cohort", "{ct}", "", "-o", "out"], 2, "ROOT: is empty"),
+        (["robot", "pivot", "-"], 1, "standard input is not read, so save what it brings to a file"),
+        (["robot", "pivot", "{ct}"], 1, "it is a folder"),
         (["localize", "{ct}", "--diameter", "11.5", "-o", "-"], 2, "leave -o out for standard output"),
         (["localize", "{ct}/a\x1b[31mb", "--diameter", "11.5"], 1, r"a\x1b[31mb"),
     ],

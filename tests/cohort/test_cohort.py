@@ -133,6 +133,19 @@ def test_what_writing_example_rules_would_pass_over_is_wrong_usage(
     assert rules.exists()
 
 
+def test_a_folder_with_a_colon_takes_the_tables_and_a_url_is_no_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Either ended in a traceback once the tables were due, all work done: `s3://bucket` was a folder called s3:."""
+    monkeypatch.chdir(tmp_path)
+    tiny(tmp_path / "in", "6")
+    run_cohort(["in"], Path("ward:3"), Rules(rule=(RULE,)), module=FAKE, workers=1)
+    assert len(table(tmp_path, out="ward:3")) == 1
+    assert main(["cohort", "in", "-o", "s3://bucket/out"]) == 2
+    assert "is a URL; name a folder of this machine" in capsys.readouterr().err
+    assert not list(tmp_path.glob("s3*"))
+
+
 def test_one_file_is_counted_as_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "in").mkdir()
     (tmp_path / "in" / "notes.txt").write_text("no scan")

@@ -64,6 +64,7 @@ def test_the_table_holds_places_and_errors(document: Path) -> None:
     assert [[float(row[axis]) for axis in "xyz"] for row in rows] == CENTERS
     assert [float(rows[0][f"sigma_{axis}"]) for axis in "xyz"] == [0.01, 0.02, 0.03]
     assert rows[1]["label"] == "'=1+1"
+    assert [row["coordinate_system"] for row in rows] == ["LPS"] * len(CENTERS)
 
 
 def test_no_cell_is_taken_for_a_formula(document: Path) -> None:

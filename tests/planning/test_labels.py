@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,10 @@ import pytest
 import SimpleITK
 from numpy.typing import NDArray
 from pydicom.dataset import Dataset, FileMetaDataset
+from pydicom.encaps import encapsulate
 from pydicom.pixels.utils import pack_bits
 from pydicom.sequence import Sequence
-from pydicom.uid import UID, ExplicitVRLittleEndian, generate_uid
+from pydicom.uid import UID, ExplicitVRLittleEndian, JPEGLosslessSV1, JPEGLSLossless, RLELossless, generate_uid
 
 from ronnaplan.ct import CTVolume, SliceGrid, VolumeFlag, read_ct
 from ronnaplan.errors import FrameMismatchError, InputError
@@ -239,4 +241,54 @@ def test_what_is_no_label_map_is_refused(volume: CTVolume, tmp_path: Path) -> No
     del damaged.PerFrameFunctionalGroupsSequence
     damaged.save_as(tmp_path / "seg.dcm", enforce_file_format=True)
     with pytest.raises(InputError, match="not a complete DICOM SEG"):
+        read_label_map(tmp_path / "seg.dcm", volume)
+
+
+def test_a_pipe_in_a_label_map_s_place_is_not_waited_for(volume: CTVolume, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "map")
+    with pytest.raises(InputError, match="no regular file"):
+        read_label_map(tmp_path / "map", volume)
+
+
+def test_a_damaged_dicom_seg_is_refused_in_one_line(
+    volume: CTVolume, mask: NDArray[np.bool_], tmp_path: Path
+) -> None:
+    """Many ended in a traceback of pydicom's, and a compressed one the whole process."""
+    path, rng = tmp_path / "seg.dcm", np.random.default_rng(11)
+    dataset = segmentation(volume, {"artery": mask}, "1.2.3")
+    contents = []
+    for syntax in (None, RLELossless, JPEGLSLossless):
+        if syntax is not None:
+            dataset.BitsAllocated, dataset.BitsStored, dataset.HighBit = 8, 8, 7
+            dataset.SegmentationType = "FRACTIONAL"
+            dataset.PixelData = (mask[mask.any(axis=(1, 2))] * np.uint8(255)).tobytes()
+            dataset["PixelData"].VR = "OB"
+            dataset.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian
+            dataset.compress(syntax, encoding_plugin="pydicom" if syntax == RLELossless else "pyjpegls")
+        dataset.save_as(path, enforce_file_format=True)
+        np.testing.assert_array_equal(read_label_map(path, volume)["artery"], mask)
+        contents.append(path.read_bytes())
+    told = []
+    for turn in range(400):
+        content = bytearray(contents[turn % 3])
+        place = int(rng.integers(128, len(content)))
+        content[place : place + int(rng.integers(2) * 9)] = rng.bytes(int(rng.integers(9)))
+        path.write_bytes(content)
+        try:
+            read_label_map(path, volume)
+        except (InputError, FrameMismatchError) as error:
+            told.append(str(error))
+    assert len(told) > 100
+    assert all(map(str.isprintable, told))
+
+
+def test_a_dicom_seg_compressed_as_no_scan_may_be_is_refused(
+    volume: CTVolume, mask: NDArray[np.bool_], tmp_path: Path
+) -> None:
+    dataset = segmentation(volume, {"artery": mask}, "1.2.3")
+    dataset.file_meta.TransferSyntaxUID = JPEGLosslessSV1  # left to GDCM, which may end the process
+    dataset.PixelData = encapsulate([b"\xff\x0a" * 9] * dataset.NumberOfFrames)
+    dataset["PixelData"].VR = "OB"
+    dataset.save_as(tmp_path / "seg.dcm", enforce_file_format=True)
+    with pytest.raises(InputError, match=r"4\.70, which is not read for a SEG; export it uncompressed"):
         read_label_map(tmp_path / "seg.dcm", volume)

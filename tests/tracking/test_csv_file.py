@@ -41,15 +41,22 @@ def test_damaged_numbers_are_flagged_not_used(tmp_path: Path) -> None:
     assert "sigma is '-1' mm" in recording.flagged()
 
 
-@pytest.mark.parametrize(
-    "cell", ['"-1,650.5"', "-1\u2019650.5", "-1\u202f650.5", "\u22121650.5", '"-1650,5"', "near"]
-)
+@pytest.mark.parametrize("cell", ['"-1,650.5"', "-1\u2019650.5", "-1\u202f650.5", "\u22121650.5", "near"])
 def test_a_number_that_is_written_otherwise_is_told_from_one_that_is_not_there(tmp_path: Path, cell: str) -> None:
     """Both were 'no position', with the advice to record again what a spreadsheet had written with separators."""
     table = f"x,y,z\n1,2,{cell}\n1,2,\n1,2,NaN\n1,2,-1650500000\n"
     told = read_recording(written(tmp_path, "r.csv", table)).flagged()
     plain = "a coordinate that is no plain number, such as -1234.5"
     assert told == {plain: 1, "no position": 2, "no position within a kilometre": 1}
+
+
+def test_a_decimal_comma_in_quotes_is_named(tmp_path: Path) -> None:
+    """It was no plain number: a spreadsheet shows 1650,5 and quotes it between commas."""
+    table = 'x,y,z\n1,2,"-1650,5"\n"1,5","2,5","3,5"\n'
+    told = read_recording(written(tmp_path, "r.csv", table)).flagged()
+    assert told == {
+        "a coordinate with a comma, a decimal one only where ';' or a tab stands between the columns": 2
+    }
 
 
 @pytest.mark.parametrize("unit", ["mm", "[mm]", "Millimeters"])
