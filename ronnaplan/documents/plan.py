@@ -243,4 +243,7 @@ def _change(entry: ChangeEntry, frame: Frame) -> Change:
             return _ruler(one)
         return _landmarks(one) if isinstance(one, LandmarksEntry) else _trajectory(one, frame)
 
-    return Change(entry.time, entry.action, entry.index, item(entry.before), item(entry.after))
+    before, after = item(entry.before), item(entry.after)
+    if before is not None and after is not None and type(before) is not type(after):
+        raise InputError(f"the change '{entry.action}' makes one kind of thing of another; correct the history")
+    return Change(entry.time, entry.action, entry.index, before, after)

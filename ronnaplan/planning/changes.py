@@ -9,11 +9,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ronnaplan.errors import InputError
 from ronnaplan.planning.landmarks import Landmarks
 from ronnaplan.planning.rulers import Ruler
 from ronnaplan.planning.trajectory import Trajectory
 
-One = TypeVar("One")
+One = TypeVar("One", Trajectory, Ruler)
 
 Item = Trajectory | Landmarks | Ruler
 """What a plan holds, each with a history of its own."""
@@ -52,11 +53,26 @@ def values_of(item: Item) -> dict[str, Any]:
 
 
 def exchanged(items: Sequence[One], change: Change, kind: type[One]) -> tuple[One, ...]:
-    """Return ``items`` with the one at the change's index as it is after it."""
-    kept = list(items)
-    if change.before is not None:
+    """Return ``items`` with the one at the change's index as it is after it.
+
+    Raises `InputError` where they are not those that were changed, as in a plan that was edited by hand.
+    """
+    kept, before, after = list(items), change.before, change.after
+    if before is not None:
+        assert isinstance(before, kind)
+        if [one.name for one in kept[change.index : change.index + 1]] != [before.name]:
+            raise _not_held(change)
         del kept[change.index]
-    if change.after is not None:
-        assert isinstance(change.after, kind)
-        kept.insert(change.index, change.after)
+    if after is not None:
+        assert isinstance(after, kind)
+        if after.name in {one.name for one in kept}:
+            raise _not_held(change)
+        kept.insert(change.index, after)
     return tuple(kept)
+
+
+def _not_held(change: Change) -> InputError:
+    return InputError(
+        f"the plan does not hold what its history says ('{change.action}'), as where its file was edited by hand; "
+        "make the change anew"
+    )

@@ -95,6 +95,29 @@ def test_undo_leads_back_to_the_empty_plan_and_redo_to_the_last(plan: Plan) -> N
         Plan(SeriesSource()).undo()
 
 
+def test_what_a_file_edited_by_hand_no_longer_holds_is_not_taken_back(plan: Plan, tmp_path: Path) -> None:
+    """It ended in a traceback, or took the trajectory away that had come to stand there."""
+    path = tmp_path / "plan.json"
+    added = Plan(plan.source, trajectories=()).add(plan.trajectories[0]).add(plan.trajectories[1])
+    write_plan(path, added)
+    document = json.loads(path.read_text())
+
+    def read_with(**changes: Any) -> Plan:
+        path.write_text(json.dumps({**document, **changes}))
+        return read_plan(path)
+
+    two = document["trajectories"]
+    others: tuple[list[Any], ...] = ([], two[:1], two[::-1])
+    for trajectories in others:
+        with pytest.raises(InputError, match=r"does not hold what its history says \('add'\)"):
+            read_with(trajectories=trajectories).undo()
+    with pytest.raises(InputError, match="does not hold what its history says"):
+        read_with(undone=document["history"]).redo()  # a second one of its name
+    of_landmarks = {"ac": [0, -12, 0], "pc": [0, 12, 0], "midline": [0, 0, 40]}
+    with pytest.raises(InputError, match="makes one kind of thing of another"):
+        read_with(history=[{**document["history"][0], "before": of_landmarks}])
+
+
 def test_a_new_change_forgets_what_was_undone(plan: Plan) -> None:
     assert plan.undone
     assert plan.lock("left, deep").undone == ()
