@@ -225,15 +225,20 @@ def _job(arguments: argparse.Namespace, arm: SerialArm, room: Room) -> tuple[Job
         radii_mm=case.fiducials.radii_mm if case.fiducials is not None else None,
         beside_ct_mm=beside(head),
     )
-    return job, case, (*doubts, *_untold_sizes(case), *job.doubts)
+    return job, case, (*doubts, *_untold_markers(case), *job.doubts)
 
 
-def _untold_sizes(case: Case) -> list[str]:
-    """Say that markers are kept clear of as if of a usual size, where only the registration tells of them."""
+def _untold_markers(case: Case) -> list[str]:
+    """Say that no markers are viewed where nobody tells of them, or are of a usual size where the registration does."""
     from ronnaplan.robot.placement.job import MARKER_RADIUS_MM
 
-    if case.fiducials is not None or case.registration is None:
+    if case.fiducials is not None:
         return []
+    if case.registration is None:
+        return [
+            "no markers are named, so that no view of any is looked for; give --fiducials or --registration where the "
+            "cameras shall find them again"
+        ]
     return [
         f"the registration does not tell how large the markers are, so that they count as balls of "
         f"{2 * MARKER_RADIUS_MM:g} mm; give --fiducials where they are larger"

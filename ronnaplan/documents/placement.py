@@ -270,7 +270,7 @@ def placement_text(document: PlacementDocument) -> str:
         what = "here" if document.status == "parked" else f"place {number}"
         sure = (
             ""
-            if place.probability is None
+            if place.probability is None or place.route.stuck
             else f"; serves all after parking with probability {place.probability:.3f}"
         )
         lines.append(

@@ -8,9 +8,12 @@ from numpy.typing import NDArray
 from ronnaplan.ct.volume import Voxels
 from ronnaplan.geometry import FloatArray, unit
 from ronnaplan.planning.head import SKIN_HU, Head
+from ronnaplan.planning.sampling import AIR_HU
 
 LEAST_MM3 = 15.0
 """What is smaller, half of a ball of 4 mm, is noise."""
+ROD_MM = 1.0
+"""Means over so much of a slice are looked at: of fine voxels, many to a cell, too many are bright by noise alone."""
 
 
 def beside(head: Head) -> FloatArray:
@@ -21,7 +24,7 @@ def beside(head: Head) -> FloatArray:
     """
     from scipy.ndimage import binary_dilation, label
 
-    dense = np.stack([_dense(plane, head.cell) for plane in head.scan.voxels])
+    dense = np.stack([_dense(plane, head) for plane in head.scan.voxels])
     on_scalp = binary_dilation(head.inside, np.ones((1, 3, 3), dtype=np.bool_))
     parts, count = label(dense & ~on_scalp, np.ones((3, 3, 3)))
     cell_mm3 = head.cell**2 * float(head.scan.steps_mm.prod()) * head.volume.grid.typical_gap_mm
@@ -32,10 +35,15 @@ def beside(head: Head) -> FloatArray:
     return np.column_stack([middles_mm, np.full(len(middles_mm), _half_diagonal_mm(head))])
 
 
-def _dense(plane: Voxels, cell: int) -> NDArray[np.bool_]:
-    """Whether any voxel of each coarse cell (J', I') of a slice is denser than air: a thin rod fills none."""
+def _dense(plane: Voxels, head: Head) -> NDArray[np.bool_]:
+    """Whether any of each coarse cell (J', I') of a slice is denser than air: a thin rod fills none."""
+    import cv2
+
+    cell = head.cell
     rows, columns = (n // cell for n in plane.shape)
-    cells = (plane[: rows * cell, : columns * cell] > SKIN_HU).reshape(rows, cell, columns, cell)
+    wide, high = (max(1, round(ROD_MM / step)) for step in head.scan.steps_mm.tolist())
+    means = cv2.blur(np.maximum(plane, AIR_HU).astype(np.float32), (wide, high))
+    cells = (means[: rows * cell, : columns * cell] > SKIN_HU).reshape(rows, cell, columns, cell)
     return np.asarray(cells.any(axis=(1, 3)))
 
 

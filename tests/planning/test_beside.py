@@ -15,13 +15,14 @@ from ronnaplan.planning.beside import beside
 from tests.scans import offsets_mm, on_grid
 
 HALF_AXES_MM = np.array([66.0, 80.0, 74.0])
-NOISE_HU = 90.0
+NOISE_HU, FINE_NOISE_HU = 90.0, 200.0
 SIDEWAYS = Rotation.from_euler("x", -90, degrees=True).as_matrix()
 STACKS: dict[str, dict[str, object]] = {
     "axial": {"spacing_mm": 3.0},
     "from crown to feet": {"spacing_mm": 3.0, "orientation": np.diag([1.0, -1.0, -1.0])},
     "coronal": {"spacing_mm": 3.0, "orientation": SIDEWAYS},
     "thick and tilted": {"spacing_mm": 4.0, "tilt_deg": 15.0},
+    "fine and noisy": {"spacing_mm": 3.0, "matrix": 380},
 }
 
 
@@ -29,7 +30,7 @@ def lying(stack: str) -> tuple[Head, FloatArray, FloatArray]:
     """Return a head in a shell that goes on to the table, the voxels of a thin post and a bar, and the shell's."""
     settings = {"matrix": 180, "field_of_view_mm": 190.0, "start_mm": -95, "stop_mm": 95, **STACKS[stack]}
     slices = axial_stack(**settings)  # type: ignore[arg-type]
-    empty = on_grid(np.zeros((len(slices), 180, 180), dtype=np.int16), slices)
+    empty = on_grid(np.zeros((len(slices), slices.rows, slices.columns), dtype=np.int16), slices)
     x, y, z = offsets_mm(empty, np.zeros(3))
     places = np.stack([x, y, z], axis=-1)
     head = (places**2 / HALF_AXES_MM**2).sum(axis=-1) <= 1.0
@@ -37,7 +38,8 @@ def lying(stack: str) -> tuple[Head, FloatArray, FloatArray]:
     bar = (np.hypot(y + 20.0, z - 80.0) <= 3.0) & (np.abs(x) < 40.0)
     shell = (np.hypot(x, y) > 86.0) & (np.hypot(x, y) < 91.0) & (y > 0.0) & (z < 30.0)
     images = np.where(head | post | bar | shell, 40.0, -1000.0)
-    images += np.random.default_rng(1).normal(scale=NOISE_HU, size=images.shape)
+    noise_hu = FINE_NOISE_HU if slices.pixel_mm < 1.0 else NOISE_HU
+    images += np.random.default_rng(1).normal(scale=noise_hu, size=images.shape)
     scanned = Head.of(replace(empty, voxels_hu=images.astype(np.int16)))
     apart = (places**2 / (HALF_AXES_MM + 6.0) ** 2).sum(axis=-1) > 1.0
     return scanned, places[(post | bar) & apart], places[shell]

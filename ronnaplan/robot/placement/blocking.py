@@ -12,10 +12,19 @@ from numpy.typing import NDArray
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray, unit
 from ronnaplan.pose import invert
-from ronnaplan.robot.placement.clearances import HEAD, ROOM, is_high, parked, place_trolley, posture_margins
+from ronnaplan.robot.arm.links import place_links
+from ronnaplan.robot.placement.clearances import (
+    HEAD,
+    ROOM,
+    clearance,
+    is_high,
+    parked,
+    place_trolley,
+    posture_margins,
+)
 from ronnaplan.robot.placement.distances import segment_box, segment_segment
 from ronnaplan.robot.placement.judging import follow, settle
-from ronnaplan.robot.placement.machine import APART, Machine, frames_on
+from ronnaplan.robot.placement.machine import APART, Machine, frames_on, place_bodies
 from ronnaplan.robot.placement.search import Problem, base_pose
 from ronnaplan.robot.placement.tasks import Ways
 from ronnaplan.robot.placement.world import (
@@ -118,8 +127,9 @@ def state(
             if margins[b, 0] == -np.inf:
                 continue
             kept = np.ascontiguousarray(angles[:, b])
+            beyond = -np.inf if stage < COLLISION else (margin if stage == COLLISION else np.inf)
             here, value, one = _reached(
-                machine, world, trolley, ways.instruments[task], kept, margins[b], frames, bodies, pair
+                machine, world, trolley, ways.instruments[task], kept, margins[b], beyond, frames, bodies, pair
             )
             if here > stage or (here == stage and value > margin):
                 stage, margin, which, other = here, value, one, pair[1]
@@ -136,22 +146,35 @@ def _reached(
     instrument: FloatArray,
     angles: FloatArray,
     margins: FloatArray,
+    beyond: float,
     frames: FloatArray,
     bodies: FloatArray,
     pair: NDArray[np.int64],
 ) -> tuple[int, float, int]:
-    """Return the stage that postures (P, 6) along a way come to, the margin there, and the joint or body it is of."""
+    """Return the stage that postures (P, 6) along a way come to, the margin there, and the joint or body it is of.
+
+    Of a clearance that is too little, and not above ``beyond`` (mm), the two that are nearest are not sought.
+    """
     if margins[0] < world.needs[JOINT_NEED]:
         return LIMIT, np.degrees(margins[0]), _tightest(machine, angles)
     if margins[1] < world.needs[SINGULAR_NEED]:
         return SINGULAR, np.degrees(margins[1]), 0
+    least, body, other = np.inf, 0, 0
     for p in range(len(angles)):
-        away, _ = posture_margins(machine, world, trolley, instrument, angles[p], frames, bodies, pair, False)
-        if away < world.needs[CLEARANCE_NEED]:
-            if pair[1] == ROOM:
-                pair[1] -= _thing(world, trolley, bodies[pair[0]], is_high(machine, pair[0]))
-            of_wrist = pair[1] >= 0 and machine.kept[pair[0], pair[1]] == APART
-            return OVERLAP if of_wrist else COLLISION, away, pair[0]
+        place_links(machine.origins, machine.axes, angles[p], frames)
+        place_bodies(machine, instrument, frames, bodies)
+        enough = min(beyond, world.needs[CLEARANCE_NEED])
+        away = clearance(machine, world, trolley, bodies, enough, pair)
+        if away < least:
+            least, body, other = away, pair[0], pair[1]
+            if other == ROOM:
+                other -= _thing(world, trolley, bodies[body], is_high(machine, body))
+        if least < enough:
+            break
+    if least < world.needs[CLEARANCE_NEED]:
+        pair[1] = other
+        of_wrist = other >= 0 and machine.kept[body, other] == APART
+        return OVERLAP if of_wrist else COLLISION, least, body
     for p in range(len(angles)):
         _, view = posture_margins(machine, world, trolley, instrument, angles[p], frames, bodies, pair, True)
         if view < world.needs[VIEW_NEED]:

@@ -132,6 +132,23 @@ def test_what_blocks_a_held_arm_is_told_by_the_names_of_its_joints_and_links(tmp
     assert "joint joint_a" in told.blocked[0]
 
 
+def test_what_blocks_is_named_by_the_two_that_are_nearest_to_each_other() -> None:
+    """What came too near to the instrument was named, and not what the arm would stand in."""
+    given = job(0, 1, 0, floor=SMALL)
+    place = np.array([-800.0, -600.0, 900.0, 102.0])
+    assert check_parked(given, base_pose(place)).places
+    start, end = given.tasks[0].starts_mm[0], given.tasks[0].ends_mm[0]
+    side = np.cross(end - start, [0.0, 0.0, 1.0])
+    x, y, z = start + 25.0 * side / np.linalg.norm(side)
+    pillar = Box("pillar", (-800.0, -600.0, 1300.0), (100.0, 100.0, 100.0))
+    lamp = Capsule("lamp", (x, y, z), (x, y, z), 5.0)
+    for boxes, named in (((), "the instrument comes within 18 mm of lamp"), ((pillar,), "would meet pillar")):
+        crowded = replace(given.room, boxes=boxes, capsules=(lamp,))
+        world = world_of(crowded, given.world.head[:, :3], None)
+        told = check_parked(replace(given, room=crowded, world=world), base_pose(place))
+        assert named in told.blocked[0]
+
+
 def test_no_place_of_the_floor_is_better(found: tuple[Job, Placement]) -> None:
     given, placement = found
     coarse, rng = given.problem(COARSE), np.random.default_rng(1)
