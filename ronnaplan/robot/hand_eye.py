@@ -140,13 +140,11 @@ def _contradiction(
         return f"{said}: {which}; {advice}"
     if step and all(_belong_together(a, b) for a, b in zip(*map(step.parts, (seen, driven)), strict=True)):
         return f"{said}: {step.told(frames)}"
-    if _belong_together(invert(seen), driven):
-        return (
-            f"{said}, but agree once those of either are inverted; check which are not tracker from tool, or robot "
-            "from TCP"
-        )
     if misread := mistake_in(seen, driven, _belong_together):
-        return f"{said}, but agree if {misread}; turn them into matrices, or a quaternion, anew"
+        return (
+            f"{said}, but agree if {misread}; check that they are tracker from tool and robot from TCP, and turn "
+            "rotations into matrices, or a quaternion, anew"
+        )
     if fit.rotation_rms_deg <= SAME_ANGLES_DEG:
         return (
             f"{said}: the angles agree, and the places do not; check columns, signs and units of the places in both, "

@@ -9,11 +9,16 @@ import numpy as np
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import invert
 
+OTHER_ORDER = "angles about X, Y and Z are taken for such about Z, Y and X, or the other way round"
+OTHER_AXES = "axes that turn along are taken for fixed ones, or the other way round"
+NO_ANGLES = "rotation vectors were read as angles about X, Y and Z"
+
 
 def as_meant(poses: FloatArray) -> Iterator[tuple[str, FloatArray]]:
     """Yield mistakes, each as a clause, and what ``poses`` (N, 4, 4) that were read with it would be without.
 
-    Angles are Tait-Bryan ones, of which the second is within a quarter turn.
+    Angles are Tait-Bryan ones, of which the second is within a quarter turn. What confuses two ways to read them comes
+    twice, as either may be meant.
     """
     from scipy.spatial.transform import Rotation
 
@@ -21,7 +26,7 @@ def as_meant(poses: FloatArray) -> Iterator[tuple[str, FloatArray]]:
     numbers = turns.as_quat()
     about_zyx = _about_zyx(turns.as_matrix())
     about_xyz = -_about_zyx(turns.inv().as_matrix())[:, ::-1]
-    yield "they are inverted", invert(poses)
+    yield "each is inverted", invert(poses)
     for mistake, right in (
         ("the rotations are transposed", turns.inv()),
         (
@@ -33,12 +38,12 @@ def as_meant(poses: FloatArray) -> Iterator[tuple[str, FloatArray]]:
             Rotation.from_quat(np.roll(numbers, 1, axis=1)),
         ),
         ("the angles about Z and X are exchanged", Rotation.from_euler("ZYX", about_zyx[:, ::-1])),
-        ("the angles are about Z, Y and X, not X, Y and Z", Rotation.from_euler("ZYX", about_xyz)),
-        (
-            "the angles turn about axes that turn along, not fixed ones",
-            Rotation.from_euler("ZYX", about_xyz[:, ::-1]),
-        ),
-        ("rotation vectors were read as angles about X, Y and Z", Rotation.from_rotvec(about_zyx[:, ::-1])),
+        (OTHER_ORDER, Rotation.from_euler("ZYX", about_xyz)),
+        (OTHER_ORDER, Rotation.from_euler("XYZ", about_zyx)),
+        (OTHER_AXES, Rotation.from_euler("ZYX", about_xyz[:, ::-1])),
+        (OTHER_AXES, Rotation.from_euler("XYZ", about_zyx[:, ::-1])),
+        (NO_ANGLES, Rotation.from_rotvec(about_zyx[:, ::-1])),
+        (NO_ANGLES, Rotation.from_rotvec(about_xyz)),
     ):
         meant = poses.copy()
         meant[:, :3, :3] = right.as_matrix()
@@ -48,16 +53,20 @@ def as_meant(poses: FloatArray) -> Iterator[tuple[str, FloatArray]]:
 def mistake_in(
     tracker: FloatArray, robot: FloatArray, agree: Callable[[FloatArray, FloatArray], bool]
 ) -> str | None:
-    """Say with which mistake poses (N, 4, 4) of ``tracker`` and ``robot``, which do not, would ``agree``, if any."""
+    """Say with which mistake poses (N, 4, 4) of ``tracker`` and ``robot``, which do not, would ``agree``, if any.
+
+    Several may explain it, as where the TCP hardly left its place: all are told.
+    """
+    found: dict[str, list[str]] = {}
     for (mistake, of_tracker), (_, of_robot) in zip(as_meant(tracker), as_meant(robot), strict=True):
         for whose, poses in (
             ("the tracker's poses", (of_tracker, robot)),
             ("the robot's poses", (tracker, of_robot)),
             ("the poses of both", (of_tracker, of_robot)),
         ):
-            if agree(*poses):
-                return f"in {whose} {mistake}"
-    return None
+            if agree(*poses) and whose not in found.setdefault(mistake, []):
+                found[mistake].append(whose)
+    return ", or ".join(f"in {' or '.join(whose)} {mistake}" for mistake, whose in found.items() if whose) or None
 
 
 def _about_zyx(rotations: FloatArray) -> FloatArray:

@@ -16,10 +16,13 @@ MISREAD: list[tuple[str, Callable[[Rotation], Rotation]]] = [
     ("the scalar is .* first number", lambda turns: Rotation.from_quat(turns.as_quat(scalar_first=True))),
     ("the scalar is .* last number", lambda turns: Rotation.from_quat(turns.as_quat(), scalar_first=True)),
     ("the angles about Z and X", lambda turns: Rotation.from_euler("ZYX", turns.as_euler("ZYX")[:, ::-1])),
-    ("the angles are about Z, Y and X", lambda turns: Rotation.from_euler("XYZ", turns.as_euler("ZYX"))),
-    ("the angles turn about axes", lambda turns: Rotation.from_euler("zyx", turns.as_euler("ZYX"))),
+    ("angles about X, Y and Z are", lambda turns: Rotation.from_euler("XYZ", turns.as_euler("ZYX"))),
+    ("angles about X, Y and Z are", lambda turns: Rotation.from_euler("ZYX", turns.as_euler("XYZ"))),
+    ("axes that turn along are", lambda turns: Rotation.from_euler("zyx", turns.as_euler("ZYX"))),
+    ("axes that turn along are", lambda turns: Rotation.from_euler("XYZ", turns.as_euler("xyz"))),
+    ("axes that turn along are", lambda turns: Rotation.from_euler("xyz", turns.as_euler("XYZ"))),
 ]
-"""What a program may do to the right turns, and a few words of what is told."""
+"""What a program may do to the right turns, as to those of KUKA, Staubli and Fanuc, and a few words of what is told."""
 
 
 def spoilt(seen: np.ndarray, which: list[int], far_mm: float, turn_deg: float) -> np.ndarray:
@@ -75,7 +78,8 @@ def test_one_recording_the_other_way_round_is_told(which: str) -> None:
     seen, driven, *_ = hand_eye_poses(7, 40, 1e-3, 0.2)
     given = (invert(seen), driven) if which == "tracker" else (seen, invert(driven))
     with pytest.raises(
-        RefusedError, match=r"contradict each other .*, but agree once those of either are inverted"
+        RefusedError,
+        match=r"contradict each other .*, but agree if in the tracker's poses or the robot's poses each is inverted;",
     ):
         calibrate_hand_eye(*given)
     with pytest.raises(RefusedError, match=r"10; record both at the same moments"):
@@ -106,6 +110,18 @@ def test_rotations_that_were_misread_are_told_as_such(
         if whose != other:
             poses[:, :3, :3] = read(Rotation.from_matrix(poses[:, :3, :3])).as_matrix()
     with pytest.raises(RefusedError, match=f"but agree if in {whose} {mistake}"):
+        calibrate_hand_eye(seen, driven)
+
+
+def test_of_poses_about_one_place_all_mistakes_that_explain_them_are_told() -> None:
+    """Those of the robot were said to be inverted, though only their rotations were misread."""
+    _, driven, m_from_tcp, robot_from_ots = hand_eye_poses(7, 40, 0.0, 0.0)
+    driven[:, :3, 3] = driven[0, :3, 3]
+    seen = invert(robot_from_ots) @ driven @ invert(m_from_tcp)
+    turns = Rotation.from_matrix(driven[:, :3, :3])
+    driven[:, :3, :3] = Rotation.from_quat(turns.as_quat(scalar_first=True)).as_matrix()
+    told = "each is inverted, or in the robot's poses the rotations are .*, or in the robot's poses the scalar .* first"
+    with pytest.raises(RefusedError, match=told):
         calibrate_hand_eye(seen, driven)
 
 
