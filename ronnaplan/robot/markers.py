@@ -7,7 +7,7 @@ the fit as one error and not as one of each marker.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -26,6 +26,8 @@ from ronnaplan.sigmas import LARGEST_STATED_MM, SIGMA_LAMP_DEG
 
 SAME_SPHERE_MM = 1.0
 """Two looks at one sphere put it no further apart."""
+SAME_PLACE = 30.0
+"""Nor, squared and in their errors, by more than these explain: errors as stated do so once in a million times."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,9 +156,10 @@ def register_robot_markers(
 ) -> RobotRegistration:
     """Pair the scan's markers with the spheres, in any order, and register R from CT.
 
-    ``expected`` and ``sigma_ct_mm`` are as in `register_markers`. Raises `InputError` for fewer than three spheres,
-    `RefusedError` where the pairing is not unique.
+    ``expected`` and ``sigma_ct_mm`` are as in `register_markers`. Of several looks at one sphere the best known counts.
+    Raises `InputError` for fewer than three spheres, `RefusedError` where the pairing is not unique.
     """
+    spheres, again = _one_look_each(spheres)
     if len(spheres.labels) < LEAST_PAIRS:
         raise InputError(
             f"{len(spheres.labels)} spheres were re-localized; a registration needs at least {LEAST_PAIRS}, look at "
@@ -177,7 +180,37 @@ def register_robot_markers(
     covariance = fit.pose.covariance - counted + whole @ common @ whole.T
     pose = Pose(fit.transform, (covariance + covariance.T) / 2, R, ct.frame)
     pairs = tuple((ct.labels[a], spheres.labels[b]) for a, b in zip(i.tolist(), j.tolist(), strict=True))
-    return RobotRegistration(pose, fit, pairs, (*found.notes, *_alone(found)))
+    return RobotRegistration(pose, fit, pairs, (*again, *found.notes, *_alone(found)))
+
+
+def _one_look_each(spheres: RobotMarkers) -> tuple[RobotMarkers, tuple[str, ...]]:
+    """Return the spheres without looks that show one again, and what is told of these; side by side neither pairs.
+
+    Looks that contradict each other are left as they are.
+    """
+    places, own, labels = spheres.positions_mm, spheres.own_mm2, spheres.labels
+    kept: list[int] = []
+    notes = []
+    for n in np.argsort(np.trace(own, axis1=1, axis2=2), kind="stable").tolist():
+        off = places[n] - places[kept]
+        away = np.linalg.norm(off, axis=1)
+        squared = np.einsum("ki,kij,kj->k", off, np.linalg.inv(own[n] + own[kept]), off)
+        same = np.flatnonzero((away <= SAME_SPHERE_MM) & (squared <= SAME_PLACE))
+        kept += [] if len(same) else [n]
+        notes += [
+            f"frames {labels[kept[k]]} and {labels[n]} show one sphere, {away[k]:.3f} mm apart: frame "
+            f"{labels[kept[k]]}, which tells it better, counts"
+            for k in same[:1].tolist()
+        ]
+    kept.sort()
+    once = replace(
+        spheres,
+        labels=tuple(labels[n] for n in kept),
+        in_rig_mm=spheres.in_rig_mm[kept],
+        own_mm2=spheres.own_mm2[kept],
+        robot_from_tcp=spheres.robot_from_tcp[kept],
+    )
+    return once, tuple(notes)
 
 
 def _alone(found: MarkerRegistration) -> tuple[str, ...]:

@@ -93,3 +93,26 @@ def test_spheres_and_markers_in_no_pair_are_told() -> None:
     spheres.in_rig_mm[2] += 30.0
     notes = register_robot_markers(ct, spheres, sigma_ct_mm=0.1).notes
     assert notes[-2:] == (f"CT markers without a partner: {ct.labels[2]}", "spheres without a partner: 2")
+
+
+def test_two_looks_at_one_marker_leave_it_in_the_registration() -> None:
+    """Both were left out, as if the marker had moved, and with it one of five."""
+    ct, spheres = looked(np.random.default_rng(1), 0.1, 0.03, np.diag(np.repeat([1e-8, 1e-4], 3)))
+    looks = [0, 1, 2, 2, 3, 4]
+    own = spheres.own_mm2[looks]
+    own[3] *= 4.0
+    twice = replace(
+        spheres,
+        labels=tuple("012789"),
+        in_rig_mm=spheres.in_rig_mm[looks] + 0.02 * (np.arange(6) == 3)[:, None],
+        own_mm2=own,
+        robot_from_tcp=spheres.robot_from_tcp[looks],
+    )
+    once, again = (register_robot_markers(ct, one, expected=5, sigma_ct_mm=0.1) for one in (spheres, twice))
+    np.testing.assert_allclose(again.robot_from_ct.matrix, once.robot_from_ct.matrix, atol=1e-9)
+    assert again.labels == (("A", "0"), ("B", "1"), ("C", "2"), ("D", "8"), ("E", "9"))
+    assert again.notes == (
+        "frames 2 and 7 show one sphere, 0.035 mm apart: frame 2, which tells it better, counts",
+    )
+    twice.in_rig_mm[3] += 0.5
+    assert register_robot_markers(ct, twice, sigma_ct_mm=0.1).notes == ("spheres without a partner: 7",)
