@@ -18,7 +18,9 @@ spread = np.array([[60.0, 20, 40], [-55, 45, 30], [-20, -70, 55], [10, 35, 95]])
 
 # %% [markdown]
 # The nearest rival order is how far the markers are from fitting onto themselves in another order. A square is its own
-# rival: no tracker can tell its corners apart, and the pairing is refused. `refusal_probability` says how often.
+# rival: no tracker can tell its corners apart, and the pairing is refused. `refusal_probability` says how often. A flat layout, or
+# one that is alike on the left and the right, is its own mirror image (`mirror_distance_mm` is 0): nothing tells readings of it with
+# a swapped axis.
 
 # %%
 target = np.array([[5.0, 10.0, 0.0]])

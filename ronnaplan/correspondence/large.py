@@ -15,7 +15,7 @@ from ronnaplan.correspondence.bodies import (
     poses_beside,
 )
 from ronnaplan.correspondence.chance import Chance
-from ronnaplan.correspondence.evidence import LEAST_OFF_LINE, SCALES, off_one_line
+from ronnaplan.correspondence.evidence import AS_WELL_SIGMAS, LEAST_OFF_LINE, SCALES, off_one_line
 from ronnaplan.correspondence.lookup import point_grid
 from ronnaplan.correspondence.pairing import (
     LEFT_HANDED,
@@ -199,6 +199,9 @@ def nothing_found(found: Found) -> str:
 def is_mirrored(problem: Problem, best: Pose | None, of_best: float, work_done: float) -> bool:
     """Tell whether a reflection, which no patient undergoes, would pair more points than the best pose does, if any.
 
+    Or about as many, far nearer to each other: nearly all markers of a plate fit their mirror image as if errors were
+    larger.
+
     ``of_best`` of its pairs are right, as an expectation. It is not looked for beyond the work allowed, of which
     ``work_done`` is done.
     """
@@ -208,7 +211,10 @@ def is_mirrored(problem: Problem, best: Pose | None, of_best: float, work_done: 
         return False
     mirrored = found.poses[0]
     of_mirrored = float(found.chance.pair_probabilities(mirrored.matrix, mirrored.partner).sum())
-    return of_mirrored - of_best > MORE_IF_MIRRORED
+    # Of flat or symmetric markers the noise decides: half the difference of two chi^2, of three freedoms a pair each.
+    by_noise = AS_WELL_SIGMAS * math.sqrt(3.0 * len(mirrored.pairs))
+    more_probable = mirrored.log_evidence - log_evidence > LOG_ODDS_OF_MIRROR + by_noise
+    return of_mirrored - of_best > MORE_IF_MIRRORED or more_probable
 
 
 def telling_point(poses: list[Pose]) -> int | None:

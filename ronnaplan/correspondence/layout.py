@@ -36,6 +36,9 @@ MOST_LAYOUT_POINTS = 32
 MOST_LAYOUT_VISITS = 1_000_000
 """Orders tried before the search stops with the nearest rival found so far."""
 
+MIRROR_REACH_MM = 20.0
+"""Layouts farther from their mirror image are not told apart by how far: left-handed readings of them are noticed."""
+
 QUADRATURE_STEPS = 60
 LOWEST_SIGMAS = 2.4
 """Equally probable values of each chi^2 at which a refusal is looked at; the lowest lies so far below the mean."""
@@ -54,17 +57,22 @@ class Layout:
         (n,) that other order: marker i would be taken for marker ``rival[i]``.
     line_distance_mm
         Root-mean-square distance of the markers from their best line; zero when collinear.
+    mirror_distance_mm
+        How far the markers are from fitting onto their mirror image in any order, their own among them, as a root sum
+        of squares, too; `MIRROR_REACH_MM` at most.  Of a layout that is flat, or alike on the left and the right, it is
+        zero: nothing tells left-handed readings of it.
 
     """
 
     rival_distance_mm: float
     rival: IntArray
     line_distance_mm: float
+    mirror_distance_mm: float
 
     def __repr__(self) -> str:
         return (
             f"Layout({len(self.rival)} markers, nearest rival order {self.rival_distance_mm:.2f} mm away, "
-            f"{self.line_distance_mm:.2f} mm RMS from a line)"
+            f"{self.line_distance_mm:.2f} mm RMS from a line, {self.mirror_distance_mm:.2f} mm from its mirror image)"
         )
 
     def refusal_probability(
@@ -133,14 +141,17 @@ def describe_layout(points: ArrayLike) -> Layout:
     """Describe the layout of markers at ``points`` (n, 3), in mm, n from 3 to 32; under 1 ms for eight markers.
 
     Mirror images do not count as rivals, for no head turns into its mirror image; a flat layout that equals its
-    mirror image does, for it can be turned over.  Raises `InputError` for unusable points.
+    mirror image does, for it can be turned over.  How near the mirror image is tells whether left-handed readings would
+    be noticed.  Raises `InputError` for unusable points.
     """
     checked = checked_points(points, "marker positions")
     if len(checked) > MOST_LAYOUT_POINTS:
         raise InputError(f"{len(checked)} markers were given; a layout has at most {MOST_LAYOUT_POINTS}")
-    square, rival = nearest_rival(checked, checked)
-    values = np.linalg.eigvalsh(np.cov(checked.T, bias=True))
-    return Layout(math.sqrt(square), rival, math.sqrt(max(float(values[0] + values[1]), 0.0)))
+    square, rival = nearest_rival(checked, checked, math.inf)
+    values = np.maximum(np.linalg.eigvalsh(np.cov(checked.T, bias=True)), 0.0)
+    in_own_order = 4.0 * len(checked) * float(values[0])  # as far as the markers lie off their best plane, twice
+    mirrored = nearest_rival(checked, checked * MIRROR, min(in_own_order, MIRROR_REACH_MM**2))[0]
+    return Layout(math.sqrt(square), rival, math.sqrt(float(values[0] + values[1])), math.sqrt(mirrored))
 
 
 def rival_distance(points: ArrayLike) -> float:
@@ -154,7 +165,7 @@ def mirror_distance(points: ArrayLike) -> float:
     It counts where only distances are known, which do not tell a layout from its mirror image; see `describe_layout`.
     """
     checked = checked_points(points, "marker positions")
-    return math.sqrt(nearest_rival(checked, checked * MIRROR)[0])
+    return math.sqrt(nearest_rival(checked, checked * MIRROR, math.inf)[0])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -175,8 +186,10 @@ def swapped_pairs(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def nearest_rival(points: FloatArray, goals: FloatArray) -> tuple[float, IntArray]:
+def nearest_rival(points: FloatArray, goals: FloatArray, bound: float) -> tuple[float, IntArray]:
     """Return the least sum of squared residuals over every order but the given one, and that order.
+
+    What does not fit within ``bound`` is not sought: then that is returned, with an order of two exchanged points.
 
     ``goals`` (n, 3), which the points are fitted onto, are the points or their mirror image: distances are the same.
 
@@ -186,6 +199,7 @@ def nearest_rival(points: FloatArray, goals: FloatArray) -> tuple[float, IntArra
     n = len(points)
     d, weight, index = distances(points), np.ones((n, n)), np.arange(n)
     best, rival = swapped_pairs(points, goals, weight, index)
+    best = min(best, bound)
     order, used = np.full(n, -1), np.zeros(n, np.bool_)
     depth = visits = 0
     while depth >= 0 and visits < MOST_LAYOUT_VISITS:

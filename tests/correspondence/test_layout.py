@@ -11,7 +11,7 @@ from scipy.special import ndtri
 
 from ronnaplan.correspondence import describe_layout, match_points, rival_distance
 from ronnaplan.correspondence.evidence import FEW_PAIRS, MOST_ODDS_IF_LARGER, SCALE_PRIORS, SCALES
-from ronnaplan.correspondence.layout import LOWEST_SIGMAS, QUADRATURE_STEPS, Layout
+from ronnaplan.correspondence.layout import LOWEST_SIGMAS, MIRROR_REACH_MM, QUADRATURE_STEPS, Layout
 from ronnaplan.errors import InputError, RonnaplanError
 from tests.correspondence.scenes import HEAD, SIGMA_CT, SIGMA_OTS
 
@@ -46,6 +46,31 @@ def test_symmetric_layouts_have_a_rival_at_no_distance(points: np.ndarray) -> No
 def test_a_layout_with_a_mirror_plane_but_no_rotation_is_distinguishable() -> None:
     points = np.array([[0, 0, 0], [90, 40, 0], [90, -40, 0], [130, 0, 60.0], [60, 0, 90.0]])
     assert rival_distance(points) > 20.0
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_mirror_distance_is_that_of_trying_every_order(seed: int) -> None:
+    points = np.random.default_rng(seed).normal(size=(3 + seed % 4, 3)) * [20, 20, 4]
+    centered = points - points.mean(axis=0)
+    mirrored = centered * [-1, 1, 1]
+    orders = itertools.permutations(range(len(points)))
+    least = min(Rotation.align_vectors(mirrored[list(order)], centered)[1] for order in orders)
+    assert describe_layout(points).mirror_distance_mm == pytest.approx(
+        min(least, MIRROR_REACH_MM), rel=1e-6, abs=1e-5
+    )
+
+
+@pytest.mark.parametrize("pairs", [3, 8, 16])
+def test_a_layout_alike_on_the_left_and_right_is_its_own_mirror_image_until_a_marker_is_set_apart(
+    pairs: int,
+) -> None:
+    half = np.random.default_rng(pairs).uniform(20.0, 90.0, (pairs, 3))
+    points = np.concatenate([half, half * [-1, 1, 1]])
+    assert describe_layout(points).mirror_distance_mm == pytest.approx(0.0, abs=1e-4)
+    assert len(match_points(points, points * [1, 1, -1])) == 2 * pairs  # nothing tells
+    points[0, 2] += 15.0
+    assert describe_layout(points).mirror_distance_mm > 6.0
+    assert "left-handed" in match_points(points, points * [1, 1, -1]).reason
 
 
 def test_a_collinear_layout_is_always_refused() -> None:
@@ -118,7 +143,7 @@ def test_a_rival_too_far_to_be_looked_at_would_refuse_nothing(markers: int) -> N
     odds = min((1.0 - least) / least, SCALE_PRIORS[-1] * MOST_ODDS_IF_LARGER if markers <= FEW_PAIRS else 1.0)
     far = math.sqrt(-2.0 * max(SCALES) ** 2 * math.log(odds) + LOWEST_SIGMAS**2) + LOWEST_SIGMAS
     sigma_mm = math.hypot(SIGMA_CT, SIGMA_OTS)
-    nearer = Layout(0.999 * far * sigma_mm, np.arange(markers), 50.0)
+    nearer = Layout(0.999 * far * sigma_mm, np.arange(markers), 50.0, 20.0)
     assert nearer.refusal_probability(SIGMA_CT, SIGMA_OTS, least) == 0.0
     assert -ndtri(0.5 / QUADRATURE_STEPS) < LOWEST_SIGMAS
 

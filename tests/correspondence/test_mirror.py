@@ -92,6 +92,23 @@ def test_many_left_handed_readings_are_told_as_such_too(markers: int, outliers: 
         assert "left-handed" in pairing.reason, seed
 
 
+@pytest.mark.parametrize(("markers", "outliers"), [(24, 0), (40, 0), (40, 40)])
+def test_many_left_handed_readings_of_a_plate_are_noticed_by_its_thickness(markers: int, outliers: int) -> None:
+    """Two of five were paired, at 0.9999 and more: nearly as many markers fit their mirror image."""
+    for seed in range(6):
+        ct, ots = head(seed, markers, outliers, height_mm=1.5)
+        assert "left-handed" in match_points(ct, ots * FLIPPED).reason, seed
+
+
+def test_many_sound_markers_alike_on_the_left_and_right_are_not_called_left_handed() -> None:
+    rng = np.random.default_rng(14)
+    for _ in range(6):
+        half = rng.uniform(-80.0, 80.0, (15, 3))
+        points = np.concatenate([half, half * [-1.0, 1.0, 1.0]])
+        ct, ots = (points + rng.normal(0.0, sigma, points.shape) for sigma in (SIGMA_CT, SIGMA_OTS))
+        assert match_points(ct, ots).status == "unique"
+
+
 def test_points_on_a_sphere_that_have_nothing_in_common_are_not_called_left_handed() -> None:
     """Five of them were: poses that chance makes were lost where they were sought anew with larger errors."""
     for seed in (0, 1, 2, 4, 5):
