@@ -16,6 +16,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.camera import Camera
 from ronnaplan.robot.circles import SMALLEST_RADIUS_PX, Image, find_circles
 from ronnaplan.robot.lights import MODELED_SHADOW_PX, SHADOW_PX, Sight, by_turning, in_each_light, weighed
+from ronnaplan.robot.pixel_noise import noise_on
 from ronnaplan.robot.shading import ShadedSphere, find_shaded, in_own_shadow
 from ronnaplan.robot.shading_compiled import Flags
 from ronnaplan.sigmas import SIGMA_LAMP_DEG
@@ -36,9 +37,10 @@ WAVES = (2, 3, 4)
 LARGEST_FIRST_WAVE = 4.0
 """Where the light is not in the model, the wave of one period, which moves the center, is larger than those of more,
 by up to this factor (squared), as on balls lit from aside whose brightness does not fall off as the cosine."""
-OVEREXPOSED, OVEREXPOSED_SHARE = 4.0, 0.1
-"""Errors are counted so many times (squared) where more than this share of the ball is brighter than pixels get: its
-light is told by the limb, and what of it is not in the model leaves no misfit there, but moves the center."""
+BY_LIMB, OVEREXPOSED_SHARE = 4.0, 0.1
+"""Errors are counted so many times (squared) where a ball's light is told by its limb, as more than this share of it is
+brighter than pixels get, or its middle is not in the model: what of its light is not leaves no misfit there, but moves
+the center."""
 LENS_FALL, LENS_SHARE = 4, 3**-0.5
 """A lens makes what is off its axis darker by up to this power of the cosine: by anything from none to all of it, of
 which the second is the RMS."""
@@ -47,6 +49,9 @@ SHADOWED, SHADOW_TILT, SHADOW_COVERAGE = 2.5, 0.05, 0.65
 held to be so where they are smaller then by as much, and not larger than noise by as much, where its light is else
 tilted by less than this share, and where this share of its outline agrees: several lamps, or light that does not fall
 off as the cosine, are not in the model, and show so."""
+NOISY = 1.1
+"""A ball that leaves more than so many times the noise of its pixels shows what its model lacks, as a highlight in its
+middle: beside it light has no more noise. Its rim is believed instead where that leaves less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,16 +127,15 @@ def _outline(grey: Image, cone: Cone, camera: Camera, lamp_sd_deg: float) -> Out
     fitted = _fitted(grey, cone, camera)
     if fitted is None:
         return None
-    found, told = fitted
-    doubt = OVEREXPOSED if found.clipped_share > OVEREXPOSED_SHARE else 1.0
-    sight = _sight(found, doubt * told.excess, camera)
+    found, excess = fitted
+    sight = _sight(found, excess, camera)
     lights = in_each_light([sight], lamp_sd_deg)
     place, _ = weighed(lights.logarithms, lights.places, lights.covariances)
     return Outline(_toward(found, place), float(place[2]), sight)
 
 
-def _fitted(grey: Image, cone: Cone, camera: Camera) -> tuple[ShadedSphere, _Judged] | None:
-    """Return the sphere near ``cone`` and how well its model explains it, or None where there is none.
+def _fitted(grey: Image, cone: Cone, camera: Camera) -> tuple[ShadedSphere, float] | None:
+    """Return the sphere near ``cone`` and by how much its errors are larger than noise, or None where there is none.
 
     A sphere whose light is not in the model, or that something spoils, is looked at as one in its own shadow, and then
     by its rim alone, which a cable across it or a highlight in its middle leaves clean for the most part.
@@ -141,11 +145,27 @@ def _fitted(grey: Image, cone: Cone, camera: Camera) -> tuple[ShadedSphere, _Jud
     if whole is not None and whole[1].excess > SHADOWED:
         again = _judged(in_own_shadow(whole[0]))
         if again is not None and _is_in_shadow(*again, whole[1].excess):
-            return again
+            return again[0], _doubted(*again)
+    largest = np.inf  # of what a rim may leave
     if whole is not None and whole[1].excess <= SHADOWED:
-        return whole
+        largest = NOISY * _noise_of(whole[0], grey, camera)
+        if whole[0].noise <= largest:
+            return whole[0], _doubted(*whole)
     rim = _judged(find_shaded(*expected, rim_only=True))
-    return rim if rim is not None and _is_clean(rim[1]) else whole
+    if rim is not None and _is_clean(rim[1]) and rim[0].noise <= largest:
+        return rim[0], _doubted(*rim, by_limb=bool(np.isfinite(largest)))
+    return None if whole is None else (whole[0], _doubted(*whole))
+
+
+def _doubted(found: ShadedSphere, told: _Judged, *, by_limb: bool = False) -> float:
+    """Return by how much the errors of a sphere are larger than noise, squared; its light may be told ``by_limb``."""
+    return told.excess * (BY_LIMB if by_limb or found.clipped_share > OVEREXPOSED_SHARE else 1.0)
+
+
+def _noise_of(found: ShadedSphere, grey: Image, camera: Camera) -> float:
+    """Return the noise of the pixels of a sphere."""
+    middle_px = camera.pixels(_toward(found, found.place)[None])[0]
+    return noise_on(grey, middle_px, float(found.place[2]) * camera.focal_px)
 
 
 def _judged(found: ShadedSphere | None) -> tuple[ShadedSphere, _Judged] | None:

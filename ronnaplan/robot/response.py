@@ -14,15 +14,12 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.camera import Camera
 from ronnaplan.robot.circles import Image
 from ronnaplan.robot.outline import Outline
+from ronnaplan.robot.pixel_noise import FEWEST_PIXELS, INSIDE, LEAST_NOISE, roughness
 
-INSIDE, BESIDE = 0.75, (1.25, 1.9)
-"""What is of the ball, and what beside it, in its radii."""
+BESIDE = (1.25, 1.9)
+"""What is beside the ball, in its radii."""
 SECTORS, QUIET = 24, 0.25
 """The noise beside it is that of the quieter parts, so many and this share: the others may show a texture."""
-FEWEST_PIXELS = 50
-"""Fewer tell no noise, and so do those that are as bright as a pixel gets."""
-LEAST_NOISE = 0.002
-"""Of the brightest: less is that of rounding."""
 FALLING = 1.2
 """No more noise beside a ball than on it, within what textures and chance make of it, is that of light."""
 
@@ -53,8 +50,7 @@ def noise_beside(grey: Image, middle_px: FloatArray, radius_px: float) -> float:
     window = np.asarray(grey[low[1] : high[1], low[0] : high[0]], dtype=np.float64)
     if min(window.shape) < 3:
         return 0.0
-    rough = np.abs(_second_differences(_second_differences(window).T).T)
-    window = window[1:-1, 1:-1]
+    rough, window = roughness(window), window[1:-1, 1:-1]
     across = np.arange(low[0] + 1, high[0] - 1) - middle_px[0]
     down = np.arange(low[1] + 1, high[1] - 1)[:, None] - middle_px[1]
     away = np.hypot(across, down) / radius_px
@@ -71,12 +67,3 @@ def noise_beside(grey: Image, middle_px: FloatArray, radius_px: float) -> float:
     sums = np.bincount(sector, weights=rough[beside], minlength=SECTORS)
     noise = float(np.quantile(sums[told] / counts[told], QUIET))
     return noise / max(float(rough[inside].mean()), LEAST_NOISE * brightest)
-
-
-def _second_differences(values: FloatArray) -> FloatArray:
-    """Return those of ``values`` (N, M) along their second axis (N, M - 2), with as much noise as these have.
-
-    In both directions they leave noise alone: no light bends so much from one pixel to the next.
-    """
-    found: FloatArray = (values[:, 2:] - 2 * values[:, 1:-1] + values[:, :-2]) / np.sqrt(6.0)
-    return found

@@ -79,6 +79,11 @@ class ShadedSphere:
     """Its pixels, and what is known of it there."""
 
     @property
+    def noise(self) -> float:
+        """What the model leaves of its pixels, in the image's grey values."""
+        return self.fitted[1].noise
+
+    @property
     def clipped_share(self) -> float:
         """How much of it is as bright as a pixel gets, and may be brighter."""
         pixels, state = self.fitted

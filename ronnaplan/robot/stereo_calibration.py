@@ -107,8 +107,7 @@ def calibrate_on_board(
     """
     import cv2
 
-    if len(left) != len(right) or len({np.asarray(image).shape for image in (*left, *right)}) != 1:
-        raise InputError("the board images are not pairs of one size; expected as many left as right ones")
+    _require_pairs(left, right)
     seen = seen_by_both(left, right, corners)
     boards = [grid_mm(corners, square_mm).astype(np.float32)] * len(seen)
     rows, columns = np.asarray(left[0]).shape
@@ -174,6 +173,15 @@ def require_size(spheres: Sequence[StereoSphere], rig: StereoRig, diameter_mm: f
         raise RefusedError(
             f"the board puts the resting sphere {100 * abs(1 / ratio - 1):.1f} % {side} than a sphere of "
             f"{diameter_mm:g} mm is by its outlines; check the side of the board's squares and the diameter"
+        )
+
+
+def _require_pairs(left: Sequence[Image], right: Sequence[Image]) -> None:
+    """Raise `InputError` unless the board images are as many ``left`` as ``right`` ones, grey and of one size."""
+    sizes = {np.asarray(image).shape for image in (*left, *right)}
+    if len(left) != len(right) or len(sizes) != 1 or len(sizes.pop()) != 2:
+        raise InputError(
+            "the board images are not pairs of one size; expected as many left as right ones, of grey values each"
         )
 
 

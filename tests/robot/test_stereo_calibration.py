@@ -74,6 +74,9 @@ def test_board_images_that_do_not_show_the_board_are_refused() -> None:
         calibrate_on_board(left[:1] + blank[1:], right[:1] + blank[1:], corners=CORNERS, square_mm=SQUARE)
     with pytest.raises(InputError, match="pairs of one size"):
         calibrate_on_board(left, right[:5], corners=CORNERS, square_mm=SQUARE)
+    colored = [np.dstack([image] * 3) for image in left]
+    with pytest.raises(InputError, match="grey values"):
+        calibrate_on_board(colored, colored, corners=CORNERS, square_mm=SQUARE)
 
 
 @pytest.mark.usefixtures("found_once")
