@@ -157,6 +157,13 @@ def test_markers_that_are_all_of_another_size_name_it() -> None:
     assert "sizes_seen(volume)" in repr(with_diameters())
 
 
+def test_clipped_markers_do_not_hide_which_size_the_others_have() -> None:
+    found = with_diameters(11.5, 11.49, 11.51, 11.2)
+    clipped = replace(found.fiducials[-1], flags=(FiducialFlag.DIAMETER, FiducialFlag.CLIPPED))
+    assert found.other_diameter_mm is None
+    assert replace(found, fiducials=(*found.fiducials[:3], clipped)).other_diameter_mm == pytest.approx(11.5)
+
+
 def test_the_old_name_of_a_markers_error_is_deprecated() -> None:
     with pytest.warns(DeprecationWarning, match="error_rms_mm"):
         assert some_fiducials()[0].standard_error_mm == some_fiducials()[0].error_rms_mm

@@ -218,13 +218,15 @@ def _draw(report: str | None, volume: CTVolume, wanted: _Wanted, found: Fiducial
 def _other_sizes(volume: CTVolume, found: Fiducials) -> list[str]:
     """Say which sizes the scan shows where it shows none of those stated, or all markers are of another.
 
-    Nothing where its geometry may be wrong, which makes sizes wrong, too.
+    Markers whose size the scale's end hides show none. Nothing where the scan's geometry may be wrong, which makes
+    sizes wrong, too.
     """
+    from ronnaplan.localization.fiducials import FiducialFlag
     from ronnaplan.localization.size import proposal, sizes_seen
 
     if found.distortion is not None:
         return []
-    if not len(found):
+    if all({FiducialFlag.DIAMETER, FiducialFlag.CLIPPED} <= set(one.flags) for one in found):
         return [proposal(sizes_seen(volume, found.marker, progress=True))]
     other = found.other_diameter_mm
     return [] if other is None else [f"all markers measure {other:.2f} mm: try --diameter {other:.1f}"]

@@ -182,10 +182,13 @@ class Fiducials(Shown[Fiducial]):
 
     @property
     def other_diameter_mm(self) -> float | None:
-        """The diameter that all markers have where it is not the stated one; None where it is, or they differ."""
-        measured = np.array([found.diameter_mm for found in self])
+        """The diameter that all markers have where it is not the stated one; None where it is, or they differ.
+
+        Those that are clipped do not show theirs.
+        """
+        measured = np.array([found.diameter_mm for found in self if FiducialFlag.CLIPPED not in found.flags])
         off = all(FiducialFlag.DIAMETER in found.flags for found in self)
-        if len(self.diameters_mm) > 1 or len(self) < LEAST_ALIKE or not off:
+        if len(self.diameters_mm) > 1 or len(measured) < LEAST_ALIKE or not off:
             return None
         middle = float(np.median(measured))
         return middle if np.abs(measured - middle).max() < SIZE_TOLERANCE_MM else None

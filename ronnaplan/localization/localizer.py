@@ -39,7 +39,7 @@ from ronnaplan.localization.scanwide.logarithm import as_summed
 from ronnaplan.localization.scanwide.slant import along_the_blur
 from ronnaplan.localization.scanwide.stretched import distortion, markers_tell
 from ronnaplan.localization.scanwide.thick import as_thick, as_thin
-from ronnaplan.localization.scanwide.together import moved, together
+from ronnaplan.localization.scanwide.together import moved, sized, together
 from ronnaplan.localization.scanwide.usual import alike, by_the_usual, usual_profiles_mm
 from ronnaplan.localization.size import proposal, sizes_seen
 from ronnaplan.localization.template import Template, distance_error_mm, match_template
@@ -88,8 +88,9 @@ def localize(
         scan, examined = _examined(volume, diameters, marker, progress)
     (examined,) = by_the_usual([(scan, examined)], marker)
     judged = alike(distinct(one for one in examined if one.is_marker))
-    markers = _from_the_top(together(scan, [one for one in judged if one.is_marker]))
-    examined = [*(one for one in examined if not one.is_marker), *judged]
+    turned_down = [one for one in examined if not one.is_marker]
+    markers = _from_the_top(together(scan, sized([one for one in judged if one.is_marker], turned_down)))
+    examined = [*turned_down, *judged]
     fiducials, rejected = _numbered(scan, markers), _rejected(examined, markers)
     distorted, departure_mm = _distortion(scan, examined, markers, marker), None
     if template is not None:

@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.examine import Examined
+from ronnaplan.localization.build import SIZE_TOLERANCE_MM
+from ronnaplan.localization.examine import Examined, distinct, same_places
 from ronnaplan.localization.fit.parameters import BLUR, EDGE, WIDTH, W, edge_variance_mm2
 from ronnaplan.localization.judge.motion import LEAST_TOGETHER
 from ronnaplan.localization.judge.uncertainty import ASIDE, MOST_ASIDE, by_panel
@@ -47,6 +48,35 @@ def moved(scan: Scan, markers: Sequence[Examined]) -> list[bool]:
         np.array([scan.axes @ one.blur_mm2 @ scan.axes.T for one in markers]).reshape(-1, 3, 3),
     )
     return [smeared or one for one in suspected(movements, in_cubes=in_cubes)]
+
+
+def sized(markers: Sequence[Examined], others: Sequence[Examined]) -> list[Examined]:
+    """Doubt clipped markers of a stated size where the scan's balls that show their size agree on another.
+
+    ``others`` are no markers: balls of a size that is too far off are among them, turned down for nothing else.
+    """
+    turned_down = [one for one in others if one.failed == {"diameter"} and not one.is_clipped]
+    at_none = ~same_places(turned_down, markers).any(axis=1)
+    show_it = [one for one in markers if not one.is_clipped]
+    show_it += distinct(turned_down[n] for n in np.flatnonzero(at_none))
+    excess_mm = {one.stated_mm: _agreed_mm(one.stated_mm, show_it) for one in markers if one.is_clipped}
+    return [_of_size(one, excess_mm[one.stated_mm]) if one.is_clipped else one for one in markers]
+
+
+def _agreed_mm(stated_mm: float, balls: Sequence[Examined]) -> float:
+    """By how much all balls that were looked for as of ``stated_mm`` are off it; 0 where few tell, or they differ."""
+    alike = [one for one in balls if one.stated_mm == stated_mm]
+    if len(alike) < LEAST_TOGETHER or not all(one.is_off_size for one in alike):
+        return 0.0
+    excesses_mm = np.array([one.excess_mm for one in alike])
+    usual_mm = float(np.median(excesses_mm))
+    return usual_mm if float(np.median(np.abs(excesses_mm - usual_mm))) < SIZE_TOLERANCE_MM else 0.0
+
+
+def _of_size(one: Examined, excess_mm: float) -> Examined:
+    """Return a marker whose size others tell, with what that may do to its center, as if it told it itself."""
+    covariance_mm2 = one.covariance_mm2 + excess_mm**2 * one.by_excess
+    return replace(one, excess_mm=excess_mm, covariance_mm2=covariance_mm2)
 
 
 def together(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:

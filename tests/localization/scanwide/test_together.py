@@ -10,7 +10,7 @@ import pytest
 from ronnaplan.localization.examine import Examined
 from ronnaplan.localization.judge.uncertainty import LAG_MM
 from ronnaplan.localization.scanner.scan import Scan
-from ronnaplan.localization.scanwide.together import together
+from ronnaplan.localization.scanwide.together import sized, together
 from ronnaplan.localization.scanwide.usual_errors import beyond_usual_mm
 from tests.localization.scanwide.shown import at
 
@@ -100,3 +100,23 @@ def test_balls_that_differ_in_size_and_in_blur_and_are_no_close_spheres_are_cove
     assert [one.is_covered for one in judged] == [is_covered] * 4
     least_mm = min(float(np.sqrt(np.trace(one.covariance_mm2))) for one in judged)
     assert least_mm > 0.03 or not is_covered  # half of what they scatter is stated
+
+
+def test_clipped_balls_are_not_believed_a_size_that_the_others_of_the_scan_contradict(ball: Examined) -> None:
+    """Ceramic beyond the scale's end was taken for 6.5 and 5.5 mm without a word beside nine balls of 6 mm."""
+    clipped = replace(at(ball, 0.0), is_clipped=True, excess_mm=0.0)
+    smaller = [
+        replace(at(ball, 20.0 * n), excess_mm=-0.5, failures=(("diameter", "too small"),)) for n in (1, 2, 3)
+    ]
+    (doubted,) = sized([clipped], smaller)
+    assert doubted.is_off_size
+    added_mm2 = doubted.covariance_mm2 - clipped.covariance_mm2
+    assert np.sqrt(np.trace(added_mm2)) == pytest.approx(0.25, rel=0.02)  # as of balls that show their size
+    elsewhere = [replace(one, stated_mm=ball.stated_mm + 2.0) for one in smaller]
+    unlike = [replace(one, excess_mm=excess) for one, excess in zip(smaller, (-0.5, 0.5, 0.2), strict=True)]
+    out_of_round = [replace(one, failures=(*one.failures, ("roundness", "an egg"))) for one in smaller]
+    once = [smaller[0]] * 3  # three candidates of one ball
+    for others in (smaller[:2], elsewhere, unlike, out_of_round, once):
+        assert not sized([clipped], others)[0].is_off_size
+    known = replace(at(ball, 80.0), excess_mm=0.0)
+    assert not any(one.is_off_size for one in sized([clipped, known], smaller))
