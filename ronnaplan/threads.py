@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from functools import cache
-from itertools import pairwise
 from typing import Any, TypeVar
 
 from ronnaplan.portable import processors
@@ -55,11 +54,11 @@ def in_parts(work: Callable[[int, int], Result], count: int) -> list[Result]:
     parts = max(min(PARTS_PER_CORE * cores(), count), 1)
     ends = [count * n // parts for n in range(parts + 1)]
     done: dict[int, Result] = {}
-    left = iter(enumerate(pairwise(ends)))
+    left = iter(range(parts))  # its step is one for the interpreter: no two threads draw the same part
 
     def take() -> None:
-        for n, part in left:
-            done[n] = work(*part)
+        for n in left:
+            done[n] = work(ends[n], ends[n + 1])
 
     # Who asks works along: to begin a thread takes as long as many a part.
     helpers = min(cores(), parts) - 1

@@ -1,7 +1,8 @@
 """The sizes of the balls in a scan, found without being told.
 
-Only what looks like a sphere is fitted (`anysize`), once. Where only the commonest size is asked for, what can no
-longer change it is not fitted.
+Only what looks like a sphere is fitted (`anysize`), once; a second time, with what a head does to its image made good,
+where no size is that of `MIN_MARKERS` balls. Where only the commonest size is asked for, what can no longer change it
+is not fitted.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import RefusedError, check_type
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import SOLID, Build
-from ronnaplan.localization.examine import Examined, distinct, examine_place
+from ronnaplan.localization.examine import OF_THE_SHAPE, Examined, distinct, examine_place
 from ronnaplan.localization.fit.parameters import BACKGROUND, CONTRAST
 from ronnaplan.localization.fit.shading import PLATEAU_SHARE
 from ronnaplan.localization.scanner.scan import Scan
@@ -156,7 +157,10 @@ def _sizes(
             fitted = fitted_in(scan, places)
         shown = replace(usual_of(fitted), balls=())  # balls of several sizes have no misfit in common
         judged = [judged_again(scan_for(one.stated_mm), one, marker, shown) for one in fitted]
-    return _sizes_of(judged, scan)
+        sizes = _sizes_of(judged, scan)
+        if all(size.count < MIN_MARKERS for size in sizes):
+            sizes = _sizes_of(in_threads(lambda one: _in_full(scan, one, marker), judged), scan)
+    return sizes
 
 
 def _sizes_of(judged: Iterable[Examined], scan: Scan) -> tuple[Size, ...]:
@@ -232,6 +236,13 @@ def _fitted(scan: Scan, center_mm: FloatArray, diameter_mm: float, marker: Build
     if first.is_marker or not first.failed <= {"diameter"} | OF_THE_PROFILE:
         return first
     return at(first.center_mm, first.diameter_mm)
+
+
+def _in_full(scan: Scan, one: Examined, marker: Build) -> Examined:
+    """Fit a ball whose shape alone was turned down with what a head does to its image made good, and judge it."""
+    if one.is_marker or not one.failed <= OF_THE_SHAPE:
+        return one
+    return examine_place(scan, one.center_mm, one.diameter_mm, marker)
 
 
 def _are_hidden(kind: Sequence[Examined], scan: Scan) -> bool:

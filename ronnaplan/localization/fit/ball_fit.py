@@ -27,13 +27,13 @@ class BallFit:
     ``theta`` (P,) holds the model's `PARAMETERS` (and `STREAK_PARAMETERS` where the ball is metal, `SKIN_PARAMETERS`
     where it lies on something), with the center relative to the neighbourhood's origin along u, v, w. ``used`` (N,)
     marks the voxels that informed the fit, ``residuals_hu`` (N,) is data minus model and shading, ``unshaded_hu`` (N,)
-    data minus model alone, ``jacobian`` (N, P) the model's derivatives, ``influence_mm_per_hu`` (N, 3) how far one HU
-    at a voxel moves the center, ``aside_mm`` (3,) how far a cavity lies aside, if the shading, which tells it, was
-    asked for (``is_shaded``). ``made_good_mm`` (3,) is how far the center was moved, in LPS, by what a head does to the
-    image being made good, and None where that was not done. ``by_part_mm2`` (3, 3), along u, v, w, is how well the
-    center is known where a part of the ball told it better than the whole, as the rest is pulled by a screw that
-    crosses its slices (`judge.crossed`) or by the rim of a socket (`judge.rim`), and None elsewhere; ``drawn`` is the
-    fit by the whole of a ball in a socket.
+    data minus model alone, ``jacobian`` (N, P) the model's derivatives, both where the center is before the shading
+    moves it, ``influence_mm_per_hu`` (N, 3) how far one HU at a voxel moves the center, ``aside_mm`` (3,) how far a
+    cavity lies aside, if the shading, which tells it, was asked for (``is_shaded``). ``made_good_mm`` (3,) is how far
+    the center was moved, in LPS, by what a head does to the image being made good, and None where that was not done.
+    ``by_part_mm2`` (3, 3), along u, v, w, is how well the center is known where a part of the ball told it better than
+    the whole, as the rest is pulled by a screw that crosses its slices (`judge.crossed`) or by the rim of a socket
+    (`judge.rim`), and None elsewhere; ``drawn`` is the fit by the whole of a ball in a socket.
     """
 
     neighbourhood: Neighbourhood

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.build import SIZE_TOLERANCE_MM
+from ronnaplan.localization.build import SIZE_TOLERANCE_MM, is_off_size
 from ronnaplan.localization.examine import Examined, distinct, same_places
 from ronnaplan.localization.fit.parameters import BLUR, EDGE, WIDTH, W, edge_variance_mm2
 from ronnaplan.localization.judge.motion import LEAST_TOGETHER
@@ -65,12 +65,12 @@ def sized(markers: Sequence[Examined], others: Sequence[Examined]) -> list[Exami
 
 def _agreed_mm(stated_mm: float, balls: Sequence[Examined]) -> float:
     """By how much all balls that were looked for as of ``stated_mm`` are off it; 0 where few tell, or they differ."""
-    alike = [one for one in balls if one.stated_mm == stated_mm]
-    if len(alike) < LEAST_TOGETHER or not all(one.is_off_size for one in alike):
+    excesses_mm = np.array([one.excess_mm for one in balls if one.stated_mm == stated_mm])
+    if not len(excesses_mm) or not all(map(is_off_size, excesses_mm)):
         return 0.0
-    excesses_mm = np.array([one.excess_mm for one in alike])
     usual_mm = float(np.median(excesses_mm))
-    return usual_mm if float(np.median(np.abs(excesses_mm - usual_mm))) < SIZE_TOLERANCE_MM else 0.0
+    agreeing = np.count_nonzero(np.abs(excesses_mm - usual_mm) < SIZE_TOLERANCE_MM)
+    return usual_mm if agreeing >= max(LEAST_TOGETHER, len(excesses_mm) / 2.0) else 0.0
 
 
 def _of_size(one: Examined, excess_mm: float) -> Examined:

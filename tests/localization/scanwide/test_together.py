@@ -116,7 +116,10 @@ def test_clipped_balls_are_not_believed_a_size_that_the_others_of_the_scan_contr
     unlike = [replace(one, excess_mm=excess) for one, excess in zip(smaller, (-0.5, 0.5, 0.2), strict=True)]
     out_of_round = [replace(one, failures=(*one.failures, ("roundness", "an egg"))) for one in smaller]
     once = [smaller[0]] * 3  # three candidates of one ball
-    for others in (smaller[:2], elsewhere, unlike, out_of_round, once):
+    two = [*smaller[:2], replace(smaller[2], excess_mm=0.9)]
+    for others in (smaller[:2], elsewhere, unlike, two, out_of_round, once):
         assert not sized([clipped], others)[0].is_off_size
     known = replace(at(ball, 80.0), excess_mm=0.0)
     assert not any(one.is_off_size for one in sized([clipped, known], smaller))
+    one_more = replace(at(smaller[0], 80.0), excess_mm=0.9)
+    assert sized([clipped], [*smaller, one_more])[0].is_off_size
