@@ -98,7 +98,8 @@ def is_other_body(best: Pose, rival: Pose) -> bool:
 
     What each explains is explained then, whichever is the patient: evidence does not tell.
     """
-    shared = np.isin(rival.pairs[:, 0], best.pairs[:, 0]) | np.isin(rival.pairs[:, 1], best.pairs[:, 1])
+    i, j = rival.pairs.T
+    shared = (best.partner[i] >= 0) | np.isin(j, best.pairs[:, 1])
     return 2 * int(shared.sum()) <= len(shared) and fits_as_well(
         rival.chi2, len(rival.pairs), best.chi2, len(best.pairs)
     )
@@ -108,12 +109,11 @@ def larger_first(found: Found) -> Found:
     """Return what was found with the largest of its bodies first: of two the larger is the patient, by its points."""
     if not found.poses:
         return found
-    claimed = [found.chance.claims(pose.matrix, pose.partner).point_probabilities().sum() for pose in found.poses]
-    first = 0
-    for other, pose in enumerate(found.poses):
-        if claimed[other] > claimed[first] and is_other_body(pose, found.poses[first]):
-            first = other
-    return replace(found, poses=[found.poses[first], *found.poses[:first], *found.poses[first + 1 :]])
+    points, first = found.chance.point_probabilities, found.poses[0]
+    for pose in found.poses:
+        if is_other_body(pose, first) and points(pose).sum() > points(first).sum():
+            first = pose
+    return replace(found, poses=[first, *(pose for pose in found.poses if pose is not first)])
 
 
 def odds_of_rivals(found: Found) -> float:
@@ -124,13 +124,12 @@ def odds_of_rivals(found: Found) -> float:
     those of its size alone, see `odds_of_bodies`, too.
     """
     best, *others = found.poses
-    total, of_best = 0.0, found.chance.claims(best.matrix, best.partner)
+    total, points = 0.0, found.chance.point_probabilities
     for rival in others:
         by_evidence = math.exp(min(rival.log_evidence - best.log_evidence, 0.0))
         odds, size = 0.0 if is_other_body(best, rival) else by_evidence, len(rival.pairs)
         if size >= LEAST_REGULAR and fits_as_well(best.chi2, len(best.pairs), rival.chi2, size):
-            of_rival = found.chance.claims(rival.matrix, rival.partner)
-            odds = max(odds, odds_by_size(of_best.point_probabilities(), of_rival.point_probabilities()))
+            odds = max(odds, odds_by_size(points(best), points(rival)))
         total += odds
     return total
 
@@ -151,13 +150,13 @@ def odds_of_body(chance: Chance, best: Pose, rival: Pose) -> float:
     Then both sets hold two rigid bodies, and evidence does not tell which of them is the patient: the larger is, by
     `LOG_ODDS_PER_PAIR` for each point more, where a point that both claim is of one of them.
     """
-    rest = np.where(np.isin(np.arange(len(rival.partner)), best.pairs[:, 0]), -1, rival.partner)
+    rest = np.where(best.partner >= 0, -1, rival.partner)
     rest = np.where(np.isin(rest, best.pairs[:, 1]), -1, rest)
     if (rest >= 0).sum() < LEAST_PAIRS:
         return 0.0
     alone = pose_evidence(chance.problem, rest, len(best.pairs))[1]
     real = 1.0 / (1.0 + math.exp(min(-alone, 700.0)))
-    of_best, of_rival = (chance.claims(pose.matrix, pose.partner) for pose in (best, rival))
+    of_best, of_rival = (chance.claims(pose) for pose in (best, rival))
     return real * odds_by_size(of_best.point_probabilities(of_rival), of_rival.point_probabilities(of_best))
 
 

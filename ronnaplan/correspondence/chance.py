@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.problem import Problem
 from ronnaplan.correspondence.refining import PAIR_SIGMAS
+from ronnaplan.correspondence.weighing import Pose
 from ronnaplan.geometry import FloatArray
 
 ROUNDS = 4
@@ -43,7 +44,7 @@ class Densities:
     def density(self, share: FloatArray) -> FloatArray:
         """Return how dense at each point those are that count with ``share`` (n,); their mean counts as one more."""
         mean = (share.sum() + 1.0) / (len(share) + 1.0)
-        return np.asarray((share[self.near].sum(axis=1) + mean) / self.volume_mm3)
+        return np.asarray((share.take(self.near).sum(axis=1) + mean) / self.volume_mm3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,10 +110,20 @@ class Chance:
         """Return the probability of each pair of a pose (3, 4), against outliers that meet and its neighbours."""
         return self._meetings(matrix, partner)[2][partner >= 0]
 
-    def claims(self, matrix: FloatArray, partner: IntArray) -> Claims:
+    def claims(self, pose: Pose) -> Claims:
         """Return which points a pose pairs, each with any of its neighbours."""
-        i, j, _, odds = self._meetings(matrix, partner)
+        i, j, _, odds = self._meetings(pose.matrix, pose.partner)
         return Claims(i.astype(np.int64), j.astype(np.int64), odds, self.problem.counts)
+
+    def point_probabilities(self, pose: Pose) -> FloatArray:
+        """Return `Claims.point_probabilities` of a pose; each is asked for it more than once."""
+        if pose not in self._of_points:
+            self._of_points[pose] = self.claims(pose).point_probabilities()
+        return self._of_points[pose]
+
+    @cached_property
+    def _of_points(self) -> dict[Pose, FloatArray]:
+        return {}
 
     @cached_property
     def _tree(self) -> cKDTree:

@@ -60,7 +60,8 @@ class Layout:
     mirror_distance_mm
         How far the markers are from fitting onto their mirror image in any order, their own among them, as a root sum
         of squares, too; `MIRROR_REACH_MM` at most.  Of a layout that is flat, or alike on the left and the right, it is
-        zero: nothing tells left-handed readings of it.
+        zero: nothing tells left-handed readings of it.  Of dense layouts of more than 20 markers, of which the search
+        stops before all orders are tried (`MOST_LAYOUT_VISITS`), it may be less.
 
     """
 

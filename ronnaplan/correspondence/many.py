@@ -60,11 +60,12 @@ def match_many(
         body = other_body(
             ct[t], ots[t], weight, node_value, residual[0], residual[1], volume, listed[best], BODY_GATE_CHI2
         )
-        regular = regular_odds(log_evidence, chi2, listed, best, background)
+        wide = listed.astype(np.int64)  # as `small` hands them on: compiled once
+        regular = regular_odds(log_evidence, chi2, wide, best, background)
         if max(body[1], regular) > CLEAR_OF_OTHERS:
             continue
         size = paired.sum()
         if not mirror_is_better(ct[t], ots[t], weight, node_value, constants, known, spread, size, to_beat):
             probability[t] = p
-            larger[t] = odds_if_larger(log_evidence, chi2, listed, listed[best])
+            larger[t] = odds_if_larger(log_evidence, chi2, wide, wide[best])
     return partners, probability, larger

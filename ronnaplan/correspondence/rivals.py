@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.correspondence.evidence import FEW_PAIRS, GATE_CHI2, SCALES, fits_as_well, log_misfit, log_misfit_at
@@ -109,7 +108,7 @@ def other_body(
 def regular_odds(
     log_evidence: FloatArray,
     chi2: FloatArray,
-    partners: IntArray | NDArray[np.int16],
+    partners: IntArray,
     best: int,
     background: float,
 ) -> float:
@@ -137,8 +136,8 @@ def regular_odds(
 def odds_if_larger(
     log_evidence: FloatArray,
     chi2: FloatArray,
-    partners: IntArray | NDArray[np.int16],
-    core: IntArray | NDArray[np.int16],
+    partners: IntArray,
+    core: IntArray,
 ) -> float:
     """Return the odds, to the pairs of ``core`` (n,), of what pairs otherwise were its errors the largest of `SCALES`.
 

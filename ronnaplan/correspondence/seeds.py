@@ -242,7 +242,7 @@ def poses_of_seeds(
             count = triangles_at(around, bounds, three, limit, found)
             if count == 0:
                 continue
-            of_seed, line = local[s], lines[s]
+            of_seed, line = local[s], (lines[s, 0], lines[s, 1])
             for e in range(count):
                 q, r = order[p, found[e, 0]], order[p, found[e, 1]]
                 triangle_frame(ots, p, q, r, met)

@@ -22,7 +22,7 @@ MOST_VARIANCE = (WIDEST_REACH_SIGMAS / REACH_SIGMAS) ** 2
 STOPPED = 0.1
 """Share of right poses that are left, at most, because their first trials miss."""
 
-NO_LINE = np.array([0.0, 1.0])
+NO_LINE = (0.0, 1.0)
 """The line that nothing falls below."""
 
 MOST_SHARE = 0.9
@@ -75,9 +75,9 @@ def stopping_line(chance: float, share: float) -> tuple[float, float]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def trials_before(hits: int, total: int, least: int, line: FloatArray) -> int:
+def trials_before(hits: int, total: int, least: int, line: tuple[float, float]) -> int:
     """Return after how many of ``total`` trials so many hits are too few, see `count_hits`; ``total`` if never."""
-    slope, below = line[0], line[1]
+    slope, below = line
     end = min(max(hits + total - least + 1, 0), total)
     if slope * end - below <= hits:
         return end
@@ -90,7 +90,7 @@ def trials_before(hits: int, total: int, least: int, line: FloatArray) -> int:
 @njit(cache=True, nogil=True, error_model="numpy")
 def count_hits(
     near: NDArray[np.int16], places: FloatArray, cells: FloatArray,
-    pose: FloatArray, local: FloatArray, total: int, least: int, line: FloatArray, carried: FloatArray,
+    pose: FloatArray, local: FloatArray, total: int, least: int, line: tuple[float, float], carried: FloatArray,
 ) -> tuple[int, int]:  # fmt: skip
     """Return how many of ``total`` trial points meet an OTS point, and the work.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -32,7 +33,7 @@ class Pose:
         """Return the pose weighed by the pairs that it makes."""
         return cls(matrix, partner, *pose_evidence(problem, partner))
 
-    @property
+    @cached_property
     def pairs(self) -> IntArray:
         """The pairs (L, 2)."""
         return pairs_of(self.partner)
@@ -64,8 +65,11 @@ def pose_evidence(problem: Problem, partner: IntArray, taken: int = 0) -> tuple[
 def alike(poses: Sequence[Pose], partner: IntArray) -> IntArray:
     """Return which of ``poses`` pair mostly the same points as a ``partner`` (n,) of each CT point does."""
     partners = np.array([pose.partner for pose in poses], dtype=np.int64).reshape(-1, len(partner))
-    agreeing = ((partner >= 0) & (partners == partner)).sum(axis=1)
-    of_fewer = np.minimum((partners >= 0).sum(axis=1), (partner >= 0).sum())
+    paired = partners >= 0
+    agreeing = np.count_nonzero(
+        paired & (partners == partner), axis=1
+    )  # a sum of truths takes three times as long
+    of_fewer = np.minimum(np.count_nonzero(paired, axis=1), np.count_nonzero(partner >= 0))
     return np.flatnonzero(2 * agreeing > of_fewer)
 
 

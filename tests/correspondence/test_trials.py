@@ -14,7 +14,7 @@ REACH_MM = 3.0
 
 
 def one_by_one(
-    met: FloatArray, pose: FloatArray, tried: FloatArray, total: int, least: int, line: FloatArray
+    met: FloatArray, pose: FloatArray, tried: FloatArray, total: int, least: int, line: tuple[float, float]
 ) -> tuple[int, int]:
     hits = 0
     for t in range(total):
@@ -37,7 +37,7 @@ def test_hits_counted_in_blocks_are_those_counted_one_by_one(apart_mm: float) ->
         tried = np.vstack((points[rng.permutation(125)[:40]].T, np.full(40, REACH_MM**2)))
         tried[:3] += ball(rng, 40, apart_mm).T
         pose = np.column_stack((np.eye(3), rng.normal(size=3)))
-        line = NO_LINE if test % 3 == 0 else np.array(stopping_line(0.3, 0.9))
+        line = NO_LINE if test % 3 == 0 else stopping_line(0.3, 0.9)
         least, total = int(rng.integers(0, 30)), int(rng.integers(0, 41))
         counted = count_hits(near, places, cells, pose, tried, total, least, line, np.empty((4, 40)))
         assert counted == one_by_one(points, pose, tried, total, least, line)
