@@ -78,6 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Open the case and serve it until stopped."""
     require_packages("the planner", "planner", "trame", "aiohttp")
     _require_files(arguments.fiducials, arguments.registration)
+    _require_root(arguments.root)
     from ronnaplan.case.folder import scan_in
     from ronnaplan.planner.storage import Storage
 
@@ -217,6 +218,14 @@ def _require_files(*named: str | None) -> None:
     for name in named:
         if name is not None and not Path(name).is_file():
             raise InputError(f"{name} does not exist; name a document that does, or none to begin anew")
+
+
+def _require_root(root: str | None) -> None:
+    """Refuse a root that is no folder: the start page would have nothing to look through."""
+    from ronnaplan.errors import InputError
+
+    if root is not None and not Path(root).is_dir():
+        raise InputError(f"{root} is no folder; name one whose scans are to be chosen from")
 
 
 def _patient(ct: str | Path, series_uid: str | None) -> str:

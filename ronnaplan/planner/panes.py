@@ -17,7 +17,7 @@ TITLE_EM, TITLE_LINE_EM = 2.0, 1.5
 TITLE_LETTER_EM, BESIDE_TITLE_PIXELS = 0.46, 34.0
 """How wide a title's letter is on average, most being small; and what a view's button and edges take of its lines."""
 
-MOST_TITLE_LINES, MOST_TITLE_SHARE = 3, 0.3
+MOST_TITLE_LINES, MOST_TITLE_SHARE = 3, 0.34
 """A title that is longer is cut: so many lines, and so much of the view's height."""
 
 EDGE_EM, EDGE_HIGH_EM = 1.1, 1.4

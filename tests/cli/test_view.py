@@ -48,6 +48,17 @@ def test_what_belongs_to_one_case_is_refused_at_the_start_page(
     assert told in capsys.readouterr().err
 
 
+def test_a_root_that_is_no_folder_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The start page said of it that it is no place below the root."""
+    monkeypatch.setattr("ronnaplan.cli.view._Planner.serve_any", lambda *given: None)
+    (tmp_path / "plan.json").write_text("{}")
+    for name in ("nowhere", "plan.json"):
+        assert main(["view", "--root", str(tmp_path / name)]) == 1
+        assert f"{name} is no folder" in capsys.readouterr().err
+
+
 def test_a_trackers_address_is_host_and_port() -> None:
     assert _address("localhost:18944") == ("localhost", 18944)
     for bad in ("localhost", ":1", "h:0", "h:99999", "h:x"):

@@ -94,6 +94,12 @@ def test_titles_are_read_where_the_page_is_enlarged(
         "axial" in one or ("to target" not in one and "3-D" not in one) for one in page.evaluate(CUT_TITLES)
     )
     assert page.evaluate(UPPER_LETTERS_ON_TITLES) == 0
+    page.click("button:text-is('3-D')")  # whose cuts are the smallest
+    page.wait_for_function("document.querySelector('.rp-axial').clientHeight < innerHeight / 3")
+    eventually(page, lambda: not page.evaluate(CUT_TITLES))
+    assert page.evaluate(UPPER_LETTERS_ON_TITLES) == 0
+    page.click("button:text-is('six')")  # as others expect it
+    page.wait_for_function("document.querySelector('.rp-axial').clientHeight > innerHeight / 3")
 
 
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844)])

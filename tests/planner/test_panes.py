@@ -33,7 +33,7 @@ TITLE = "probe's eye, 8.3 mm to target, 63.3 deep"
 
 @pytest.mark.parametrize(
     ("width", "height", "lines"),
-    [(340.0, 350.0, 1), (200.0, 240.0, 2), (110.0, 160.0, 2), (110.0, 300.0, 3), (200.0, 40.0, 1)],
+    [(340.0, 350.0, 1), (200.0, 240.0, 2), (110.0, 107.0, 2), (110.0, 161.0, 3), (200.0, 40.0, 1)],
 )
 def test_a_title_has_the_lines_that_it_needs_and_no_name_stands_on_them(
     width: float, height: float, lines: int
