@@ -186,15 +186,18 @@ def register_robot_markers(
 def _one_look_each(spheres: RobotMarkers) -> tuple[RobotMarkers, tuple[str, ...]]:
     """Return the spheres without looks that show one again, and what is told of these; side by side neither pairs.
 
-    Looks that contradict each other are left as they are.
+    Looks that contradict each other are left as they are. An error of the rig parts two looks that are turned.
     """
     places, own, labels = spheres.positions_mm, spheres.own_mm2, spheres.labels
+    jacobian, common = spheres.common_jacobian, spheres.tcp_from_rig.covariance
     kept: list[int] = []
     notes = []
     for n in np.argsort(np.trace(own, axis1=1, axis2=2), kind="stable").tolist():
         off = places[n] - places[kept]
         away = np.linalg.norm(off, axis=1)
-        squared = np.einsum("ki,kij,kj->k", off, np.linalg.inv(own[n] + own[kept]), off)
+        turned = jacobian[n] - jacobian[kept]
+        apart = own[n] + own[kept] + turned @ common @ turned.transpose(0, 2, 1)
+        squared = np.einsum("ki,kij,kj->k", off, np.linalg.inv(apart), off)
         same = np.flatnonzero((away <= SAME_SPHERE_MM) & (squared <= SAME_PLACE))
         kept += [] if len(same) else [n]
         notes += [

@@ -116,3 +116,25 @@ def test_two_looks_at_one_marker_leave_it_in_the_registration() -> None:
     )
     twice.in_rig_mm[3] += 0.5
     assert register_robot_markers(ct, twice, sigma_ct_mm=0.1).notes == ("spheres without a partner: 7",)
+
+
+def test_looks_from_two_sides_that_an_error_of_the_rig_parts_show_one_sphere() -> None:
+    """They were taken for contradicting each other, and the marker was left out."""
+    common = np.diag(np.repeat([2e-4**2, 0.08**2], 3))
+    ct, spheres = looked(np.random.default_rng(1), 0.3, 0.005, common)
+    pose = spheres.robot_from_tcp[2].copy()
+    pose[:3, :3] = Rotation.from_euler("z", 180, degrees=True).as_matrix() @ pose[:3, :3]
+    shift_mm = np.array([0.09, -0.06, 0.03])  # of the rig, in the axes of the TCP
+    seen_mm = spheres.positions_mm[2] + spheres.robot_from_tcp[2, :3, :3] @ shift_mm - pose[:3, :3] @ shift_mm
+    looks = [0, 1, 2, 3, 4, 2]
+    twice = replace(
+        spheres,
+        labels=tuple("012345"),
+        in_rig_mm=spheres.in_rig_mm[looks],
+        own_mm2=spheres.own_mm2[looks],
+        robot_from_tcp=np.concatenate([spheres.robot_from_tcp, pose[None]]),
+    )
+    twice.in_rig_mm[5] = transform_points(invert(pose @ TCP_FROM_RIG), seen_mm[None])[0]
+    found = register_robot_markers(ct, twice, expected=5, sigma_ct_mm=0.1)
+    assert found.labels == tuple(zip("ABCDE", "01234", strict=True))
+    assert found.notes[0].startswith("frames 2 and 5 show one sphere, 0.2")
