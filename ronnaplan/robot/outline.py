@@ -52,6 +52,9 @@ off as the cosine, are not in the model, and show so."""
 NOISY = 1.1
 """A ball that leaves more than so many times the noise of its pixels shows what its model lacks, as a highlight in its
 middle: beside it light has no more noise. Its rim is believed instead where that leaves less."""
+DARK = 0.9
+"""Yet not where the rim is so much darker at the limb than in the middle: lit from aside, uneven and moved it looks the
+same, and that the ball is even would be believed of what nothing shows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,8 +155,9 @@ def _fitted(grey: Image, cone: Cone, camera: Camera) -> tuple[ShadedSphere, floa
         if whole[0].noise <= largest:
             return whole[0], _doubted(*whole)
     rim = _judged(find_shaded(*expected, rim_only=True))
-    if rim is not None and _is_clean(rim[1]) and rim[0].noise <= largest:
-        return rim[0], _doubted(*rim, by_limb=bool(np.isfinite(largest)))
+    instead = bool(np.isfinite(largest))  # of a whole that is believed else
+    if rim is not None and _is_clean(rim[1]) and rim[0].noise <= largest and not (instead and rim[0].dark > DARK):
+        return rim[0], _doubted(*rim, by_limb=instead)
     return None if whole is None else (whole[0], _doubted(*whole))
 
 
