@@ -168,11 +168,12 @@ def _require_tip(found: PivotCalibration, poses: FloatArray) -> None:
             f"the tip did not rest: its places scatter by {found.rms_mm:.2f} mm RMS, expected at most "
             f"{LARGEST_RMS_MM:g}"
         )
-        for mistake, meant in as_meant(poses):
-            if _usual_length_mm(meant) < LARGEST_RMS_MM:
-                raise RefusedError(
-                    f"{said}; it rested if in the poses {mistake}: turn them into matrices, or a quaternion, anew"
-                )
+        misread = [mistake for mistake, meant in as_meant(poses) if _usual_length_mm(meant) < LARGEST_RMS_MM]
+        if misread:
+            raise RefusedError(
+                f"{said}; it rested if in the poses {', or '.join(dict.fromkeys(misread))}: turn them into matrices, "
+                "or a quaternion, anew"
+            )
         raise RefusedError(
             f"{said}; check that the recording is of poses about one divot, tracker from tool in mm"
         )

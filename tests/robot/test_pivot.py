@@ -215,3 +215,14 @@ def test_rotations_that_were_misread_are_told_as_such() -> None:
     poses[:, :3, :3] = Rotation.from_euler("ZYX", turns.as_euler("ZYX")[:, ::-1]).as_matrix()
     with pytest.raises(RefusedError, match=r"did not rest: .* it rested if in the poses the angles about Z and X"):
         calibrate_pivot(poses)
+
+
+def test_of_a_tool_that_hardly_swung_all_mistakes_that_explain_its_poses_are_told() -> None:
+    """Only a quaternion's scalar was named, though angles had been exchanged."""
+    poses = recording(6, tilt_deg=16)
+    turns = Rotation.from_matrix(poses[:, :3, :3])
+    poses[:, :3, :3] = Rotation.from_euler("ZYX", turns.as_euler("ZYX")[:, ::-1]).as_matrix()
+    with pytest.raises(
+        RefusedError, match=r"in the poses the scalar .*, or the angles about Z and X are exchanged"
+    ):
+        calibrate_pivot(poses)
