@@ -76,7 +76,8 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
     cut = state.look.cut(view)
     half = cut.field_mm / 2
     wide, high = (half * share for share in pane.halves)
-    title = _title(state, view, cut, pane)
+    chosen = state.look.chosen.name if state.look.chosen else ""
+    title = _title(state, view, cut, pane.room(1.0).shortened(chosen))
     paths = [_path(one, cut, pane, one.name == state.look.selected) for one in state.case.plan.trajectories]
     names = pane.names(half, title, (tick for one in paths for tick in one["ticks"] if tick["label"]))
     points = [one | {"r": half * BESIDE_HALVES} for one in _points(state, cut, (wide, high))]
@@ -84,7 +85,7 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
         **frame(half, wide, high),
         "letters": [letters(way) for way in (-cut.right, cut.right, -cut.down, cut.down)],
         "scale": max((mm for mm in SCALES_MM if mm <= LONGEST_SCALE * cut.field_mm), default=SCALES_MM[0]),
-        **titled(title, pane),
+        **titled(title, pane, spoken=_title(state, view, cut, chosen)),
         "cross": _pair(cut, state.look.crosshair_mm) if view in STANDARD_NAMES else None,
         **names.of_all(paths, _markers(state, cut, show_rejected, (wide, high)), points),
         "regions": [
@@ -107,18 +108,18 @@ def frame(half: float, wide: float, high: float) -> dict[str, Any]:
     return {"box": f"{-wide} {-high} {2 * wide} {2 * high}", "half": half, "wide": wide, "high": high}
 
 
-def titled(title: str, pane: Pane) -> dict[str, Any]:
-    """Return a view's title, and how many lines it takes."""
-    return {"title": title, "title_lines": pane.title_lines(title)}
+def titled(title: str, pane: Pane, spoken: str = "") -> dict[str, Any]:
+    """Return a view's title, how many lines it takes, and how it is ``spoken`` where a long name is not shortened."""
+    return {"title": title, "title_lines": pane.title_lines(title), "spoken": spoken or title}
 
 
-def _title(state: PlannerState, view: str, cut: Cut, pane: Pane) -> str:
+def _title(state: PlannerState, view: str, cut: Cut, name: str) -> str:
     if view in STANDARD_NAMES:
         return f"{view}  {_level(float(state.look.crosshair_mm @ cut.away), cut)}{_missing(state, cut)}"
     path = state.look.chosen
     assert path is not None
     if view != ACROSS:
-        return TITLES[view].format(isolated(pane.room(1.0).shortened(path.name)))
+        return TITLES[view].format(isolated(name))
     left = round(float((path.target_mm - cut.center_mm) @ path.inward), 1)
     deep = round(float((cut.center_mm - path.entry_mm) @ path.inward), 1)
     # marks of the cuts beside it count from the target; this cut stays while an end is dragged, which may pass it

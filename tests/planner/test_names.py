@@ -114,12 +114,14 @@ def test_no_name_stands_on_a_depth(state: PlannerState) -> None:
 
 def test_the_title_shows_beginning_and_end_of_a_long_name(state: PlannerState) -> None:
     """Of two that begin alike one could not tell which is shown."""
-    state.case.rename("left", "left anterior hippocampus through the middle temporal gyrus, second")
+    name = "left anterior hippocampus through the middle temporal gyrus, second"
+    state.case.rename("left", name)
     state.look.select(state.case.plan.trajectories[0].name)
-    title = over_cut(state, "inline", False, Pane(340.0, 340.0))["title"]
-    assert title.startswith("in line with left ant")
-    assert title.endswith("second")
-    assert len(title) < 45
+    drawn = over_cut(state, "inline", False, Pane(340.0, 340.0))
+    assert drawn["title"].startswith("in line with left ant")
+    assert drawn["title"].endswith("second")
+    assert len(drawn["title"]) < 45
+    assert name in drawn["spoken"]  # a voice has room for all of it
 
 
 def test_values_of_measurements_and_names_of_points_stand_within_the_view(state: PlannerState) -> None:
