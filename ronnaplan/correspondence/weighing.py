@@ -66,9 +66,8 @@ def alike(poses: Sequence[Pose], partner: IntArray) -> IntArray:
     """Return which of ``poses`` pair mostly the same points as a ``partner`` (n,) of each CT point does."""
     partners = np.array([pose.partner for pose in poses], dtype=np.int64).reshape(-1, len(partner))
     paired = partners >= 0
-    agreeing = np.count_nonzero(
-        paired & (partners == partner), axis=1
-    )  # a sum of truths takes three times as long
+    # a sum of truths would take three times as long
+    agreeing = np.count_nonzero(paired & (partners == partner), axis=1)
     of_fewer = np.minimum(np.count_nonzero(paired, axis=1), np.count_nonzero(partner >= 0))
     return np.flatnonzero(2 * agreeing > of_fewer)
 

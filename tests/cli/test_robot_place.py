@@ -311,8 +311,8 @@ def test_links_of_meshes_are_named_unless_the_room_states_bodies(
     far = ["--arm", str(arm), "--parked", "3000", "0", "900", "0", "-o", output]
     assert main([*case, *far]) == 3
     assert "collisions of base are not or not wholly looked at" in capsys.readouterr().err
-    (note,) = read_placement(output).notes  # who reads the clearances later has to know
-    assert note.startswith("collisions of base are not")
+    notes = read_placement(output).notes  # who reads the clearances later has to know
+    assert any(note.startswith("collisions of base are not") for note in notes)
     one = with_arm_body(EXAMPLE)
     body = one[one.index("[[arm_body]]") : one.index("[camera]")]
     others = [body.replace("link = 2", f"link = {n}").replace("upper arm", f"part {n}") for n in (0, 1, 3, 4, 5)]
