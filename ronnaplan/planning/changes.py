@@ -55,23 +55,30 @@ def values_of(item: Item) -> dict[str, Any]:
 def exchanged(items: Sequence[One], change: Change, kind: type[One]) -> tuple[One, ...]:
     """Return ``items`` with the one at the change's index as it is after it.
 
-    Raises `InputError` where they are not those that were changed, as in a plan that was edited by hand.
+    Raises `InputError` where they are not those that were changed, with all their values, as in a plan that was edited
+    by hand.
     """
     kept, before, after = list(items), change.before, change.after
     if before is not None:
         assert isinstance(before, kind)
-        if [one.name for one in kept[change.index : change.index + 1]] != [before.name]:
-            raise _not_held(change)
+        require_held(change, next(iter(kept[change.index : change.index + 1]), None))
         del kept[change.index]
     if after is not None:
         assert isinstance(after, kind)
         if after.name in {one.name for one in kept}:
-            raise _not_held(change)
+            raise not_held(change)
         kept.insert(change.index, after)
     return tuple(kept)
 
 
-def _not_held(change: Change) -> InputError:
+def require_held(change: Change, held: Item | None) -> None:
+    """Raise `InputError` unless ``held`` is what was changed."""
+    if not unchanged(held, change.before):
+        raise not_held(change)
+
+
+def not_held(change: Change) -> InputError:
+    """Return what is said where a plan is not as the change left it."""
     return InputError(
         f"the plan does not hold what its history says ('{change.action}'), as where its file was edited by hand; "
         "make the change anew"

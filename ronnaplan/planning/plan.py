@@ -14,7 +14,7 @@ from ronnaplan.ct.volume import CTVolume, SeriesSource
 from ronnaplan.display import Shown, coordinates, head_in_3d
 from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import Frame, Points
-from ronnaplan.planning.changes import Change, Item, exchanged, same
+from ronnaplan.planning.changes import Change, Item, exchanged, require_held, same
 from ronnaplan.planning.landmarks import Landmarks
 from ronnaplan.planning.rulers import Ruler
 from ronnaplan.planning.trajectory import Trajectory, next_colour
@@ -230,6 +230,7 @@ class Plan(Shown[Trajectory]):
         item = change.before or change.after
         if isinstance(item, Landmarks):
             assert change.after is None or isinstance(change.after, Landmarks)
+            require_held(change, self.landmarks)
             return replace(self, landmarks=change.after, revision=revision)
         if isinstance(item, Ruler):
             return replace(self, rulers=exchanged(self.rulers, change, Ruler), revision=revision)

@@ -118,6 +118,27 @@ def test_what_a_file_edited_by_hand_no_longer_holds_is_not_taken_back(plan: Plan
         read_with(history=[{**document["history"][0], "before": of_landmarks}])
 
 
+@pytest.mark.parametrize(
+    "by_hand", [("trajectories", 1, "target"), ("landmarks", "ac"), ("measurements", 1, "points", 0)]
+)
+def test_places_that_were_edited_by_hand_are_not_taken_away(
+    by_hand: tuple[Any, ...], plan: Plan, tmp_path: Path
+) -> None:
+    path = tmp_path / "plan.json"
+    last = {"trajectories": "edit", "landmarks": "landmarks", "measurements": "measure"}[by_hand[0]]
+    while plan.history[-1].action != last:
+        plan = plan.undo()
+    document = content(plan)
+    *way, end = by_hand
+    place: Any = document
+    for step in way:
+        place = place[step]
+    place[end] = [4.0, 5.0, 6.0]
+    path.write_text(json.dumps(document))
+    with pytest.raises(InputError, match="does not hold what its history says"):
+        read_plan(path).undo()
+
+
 def test_a_new_change_forgets_what_was_undone(plan: Plan) -> None:
     assert plan.undone
     assert plan.lock("left, deep").undone == ()
