@@ -6,6 +6,10 @@ import errno
 
 from ronnaplan.text import LONGEST_SENTENCE, printable
 
+STANDARD_INPUT = "-"
+"""By which other programs mean standard input."""
+NOT_READ = "standard input is not read, so save what it brings to a file"
+
 NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT})
 """What the system says where a disk, or this user's share of it, takes no more."""
 

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import NOT_READ, STANDARD_INPUT, InputError
 from ronnaplan.text import LONGEST_NUMBER, MOST_DIGITS, printable
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -56,8 +56,7 @@ def _no_file(path: Path) -> str:
         return "it is a folder"
     if path.exists():
         return "it is no regular file, so save what a pipe brings to one"
-    is_input = os.fspath(path) == "-"  # by which other programs mean standard input
-    return "standard input is not read, so save what it brings to a file" if is_input else "there is no such file"
+    return NOT_READ if os.fspath(path) == STANDARD_INPUT else "there is no such file"
 
 
 def parse_json(content: bytes) -> Any:

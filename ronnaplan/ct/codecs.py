@@ -7,7 +7,7 @@ import struct
 from collections.abc import Iterator
 from contextlib import suppress
 from threading import Lock
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -21,9 +21,10 @@ _JPEG_12_BITS: Final = "JPEG extended, 12 bits, which pylibjpeg-libjpeg decodes"
 _JPEG_2000_START: Final = b"\xff\x4f\xff\x51"
 _JP2_SIGNATURE: Final = b"jP  \r\n\x87\n"
 _EXTENT_AT, _SAMPLES_AT = 8, 40
-"""Where a JPEG 2000 stream tells the ends of its image and how many samples a pixel has (ISO 15444-1, A.5.1)."""
-_FRAME_SIZE_AT: Final = 5
-"""Where a JPEG tells its size, from the marker of its frame on (ITU-T T.81, B.2.2): behind a length and the bits."""
+"""Where a JPEG 2000 stream tells the ends of its image, and how many samples a pixel has of which depth (ISO 15444-1,
+A.5.1)."""
+_BITS_AT: Final = 4
+"""Where a JPEG tells its bits and its size, from the marker of its frame on (ITU-T T.81, B.2.2): behind a length."""
 _END_OF_IMAGE: Final = b"\xff\xd9"
 _MOST_PADDING: Final = 8
 """Zero bytes that an encoder may leave of its buffer."""
@@ -44,6 +45,16 @@ PACKAGES: Final = {
     "1.2.840.10008.1.2.4.102": "MPEG-4 video, which ffmpeg decodes",
 }
 """Transfer syntaxes that are not read -> what they are and what would decode them."""
+
+
+class Codestream(NamedTuple):
+    """What a compressed image declares of itself."""
+
+    rows: int
+    columns: int
+    samples: int
+    bits: int
+    is_signed: bool
 
 
 _IMPORTING: Final = Lock()
@@ -88,12 +99,40 @@ def decode(image: SliceImage) -> Stored:
 
 def decode_frame(frame: bytes, pixels: PixelFormat) -> Stored:
     """Decode one compressed frame to (J, I), or (J, I, samples); raises `InputError`."""
-    declared = codestream_size(frame)
+    declared = codestream(frame)
     expected = (pixels.rows, pixels.columns, pixels.samples)
-    if declared is None and pixels.transfer_syntax != RLE:
-        raise InputError("its compressed image does not declare its size; copy it again")
-    if declared is not None and declared != expected:
-        raise InputError(f"its compressed image has rows, columns and samples {declared}, its header {expected}")
+    if declared is None:
+        if pixels.transfer_syntax != RLE:
+            raise InputError("its compressed image does not declare its size; copy it again")
+        return _decoded(frame, pixels)
+    if declared[:3] != expected:
+        raise InputError(
+            f"its compressed image has rows, columns and samples {declared[:3]}, its header {expected}"
+        )
+    if declared.bits > pixels.bits_allocated:
+        raise InputError(
+            f"its compressed image has values of {declared.bits} bits, its header has room for "
+            f"{pixels.bits_allocated}; export it uncompressed"
+        )
+    stored = _decoded(frame, pixels)
+    if _has_doubtful_sign(stored, declared, pixels):
+        signs = [f"with{'' if one.is_signed else 'out'} a sign" for one in (declared, pixels)]
+        raise InputError(
+            f"its compressed image has values of {declared.bits} bits {signs[0]}, its header of {pixels.bits_stored} "
+            f"{signs[1]}, and readers differ how they go together; export it uncompressed"
+        )
+    return stored
+
+
+def _has_doubtful_sign(stored: Stored, declared: Codestream, pixels: PixelFormat) -> bool:
+    """Whether the highest bit of a value's coded bits may be its sign, or not: a header of as many bits tells."""
+    if declared.bits >= pixels.bits_stored or declared.is_signed == pixels.is_signed:
+        return False
+    highest = stored.view(f"u{stored.dtype.itemsize}") & (1 << declared.bits - 1)
+    return bool(highest.any())
+
+
+def _decoded(frame: bytes, pixels: PixelFormat) -> Stored:
     if pixels.transfer_syntax in JPEG_LOSSLESS:
         return decode_jpeg_lossless(frame, pixels.rows, pixels.columns).view(
             f"{'i' if pixels.is_signed else 'u'}2"
@@ -161,18 +200,19 @@ def _decode_with_pydicom(frame: bytes, pixels: PixelFormat) -> Stored:
     return shaped
 
 
-def codestream_size(frame: bytes) -> tuple[int, int, int] | None:
-    """Return rows, columns and samples that a JPEG, JPEG-LS or JPEG 2000 stream declares, None if it is another.
+def codestream(frame: bytes) -> Codestream | None:
+    """Return what a JPEG, JPEG-LS or JPEG 2000 stream declares, None if it is another.
 
     Checked before decoding, so that a decoder never makes room for more than the DICOM header says.
     """
     if frame[:2] == b"\xff\xd8":
-        return _jpeg_size(frame)
+        return _of_jpeg(frame)
     start = _codestream_start(frame)
-    if frame[start : start + 4] != _JPEG_2000_START or len(frame) < start + _SAMPLES_AT + 2:
+    if frame[start : start + 4] != _JPEG_2000_START or len(frame) < start + _SAMPLES_AT + 3:
         return None
     right, bottom, left, top = struct.unpack_from(">4L", frame, start + _EXTENT_AT)
-    return bottom - top, right - left, struct.unpack_from(">H", frame, start + _SAMPLES_AT)[0]
+    samples, depth = struct.unpack_from(">HB", frame, start + _SAMPLES_AT)
+    return Codestream(bottom - top, right - left, samples, depth % 128 + 1, depth >= 128)
 
 
 def _codestream_start(frame: bytes) -> int:
@@ -186,13 +226,14 @@ def _codestream_start(frame: bytes) -> int:
     return position
 
 
-def _jpeg_size(frame: bytes) -> tuple[int, int, int] | None:
-    """Return rows, columns and samples of a JPEG or JPEG-LS stream; None where it has no frame."""
+def _of_jpeg(frame: bytes) -> Codestream | None:
+    """Return what a JPEG or JPEG-LS stream declares, None where it has no frame; neither knows a sign."""
     position = 2
     while position + 10 <= len(frame) and frame[position] == 0xFF:
         marker = frame[position + 1]
         if marker in _START_OF_FRAME:
-            return struct.unpack_from(">HHB", frame, position + _FRAME_SIZE_AT)
+            bits, rows, columns, samples = struct.unpack_from(">BHHB", frame, position + _BITS_AT)
+            return Codestream(rows, columns, samples, bits, False)
         position += 1 if marker == 0xFF else 2 + struct.unpack_from(">H", frame, position + 2)[0]
     return None
 

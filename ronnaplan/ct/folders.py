@@ -12,7 +12,7 @@ from ronnaplan.ct.archives import is_archive, zip_members
 from ronnaplan.ct.files import Blob, DiskFile, Skipped
 from ronnaplan.ct.limits import Limits
 from ronnaplan.ct.system_folders import WHY_LEFT_OUT, is_system_folder
-from ronnaplan.errors import InputError
+from ronnaplan.errors import NOT_READ, STANDARD_INPUT, InputError
 from ronnaplan.text import printable
 
 
@@ -29,7 +29,8 @@ def blobs_below(path: Path, limits: Limits, skipped: list[Skipped], without: Pat
         status = path.stat()
         is_zip = stat.S_ISREG(status.st_mode) and is_archive(path)
     except FileNotFoundError as error:
-        raise InputError(f"there is no file or folder {printable(path)}") from error
+        hint = f"; {NOT_READ}" if str(path) == STANDARD_INPUT else ""
+        raise InputError(f"there is no file or folder {printable(path)}{hint}") from error
     except OSError as error:
         raise InputError(f"{printable(path)} cannot be opened ({error.strerror})") from error
     except ValueError as error:

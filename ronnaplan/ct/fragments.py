@@ -39,12 +39,13 @@ def frame_fragments(blob: Blob, pixels: PixelFormat) -> list[tuple[Fragment, ...
         if any(read(offset, 4).startswith(_IMAGE_STARTS) for offset, _ in fragments[1:]):
             raise DamagedError("it holds several compressed images but declares one")
         return [tuple(fragments)]
-    if len(fragments) == pixels.frames:
-        return [(fragment,) for fragment in fragments]
-    if table:
-        places = {offset - fragments[0][0]: number for number, (offset, _) in enumerate(fragments)}
-        starts = [places.get(place, -1) for place in table]  # it counts from the first fragment's item
-    else:
+    places = {offset - fragments[0][0]: number for number, (offset, _) in enumerate(fragments)}
+    starts = [places.get(place, -1) for place in table]  # it counts from the first fragment's item
+    if len(fragments) == pixels.frames and sorted(starts) != list(range(pixels.frames)):
+        return [
+            (fragment,) for fragment in fragments
+        ]  # which need no table; one in another order is refused below
+    if not table:
         starts = [k for k, (offset, _) in enumerate(fragments) if read(offset, 4).startswith(_IMAGE_STARTS)]
     return _grouped(fragments, starts, pixels.frames)
 

@@ -45,7 +45,7 @@ class Header:
     """What `read_header` found: raw elements, and the place of the pixels.
 
     ``pixel_length`` is what the file holds of the declared length, None for encapsulated pixels. In a deflated
-    file ``pixel_offset`` counts from the start of the inflated bytes.
+    file ``pixel_offset`` counts from the start of the inflated bytes. ``pixel_form``: their value representation.
     """
 
     transfer_syntax: str
@@ -53,6 +53,7 @@ class Header:
     is_explicit: bool
     is_big_endian: bool
     pixel_tag: int | None
+    pixel_form: bytes
     pixel_offset: int
     pixel_length: int | None
 
@@ -137,7 +138,8 @@ def _parse(buffer: bytes, size: int, limits: Limits) -> Header:
         length = min(length, size - scanner.pixel_offset)
     elif length is not None and scanner.pixel_tag is not None and size < limits.header_bytes:
         scanner.trailer(scanner.pixel_offset + length, scanner.pixel_tag, explicit)
-    return Header(syntax, elements, explicit, big, scanner.pixel_tag, scanner.pixel_offset, length)
+    tag, form, offset = scanner.pixel_tag, scanner.pixel_form, scanner.pixel_offset
+    return Header(syntax, elements, explicit, big, tag, form, offset, length)
 
 
 def _looks_like_bare_dataset(buffer: bytes) -> bool:
@@ -161,7 +163,7 @@ class _Scanner:
         self.plain_form = struct.Struct(order + "HHL").unpack_from
         self.long_length = struct.Struct(order + "L").unpack_from
         self.pixel_tag: int | None = None
-        self.pixel_offset = 0
+        self.pixel_form, self.pixel_offset = b"", 0
         self.pixel_length: int | None = None
 
     def meta(self, position: int) -> tuple[Elements, int]:
@@ -187,7 +189,7 @@ class _Scanner:
             if tag == tags.ITEM_DELIMITATION_ITEM:
                 return elements, value
             if depth == 0 and tag in tags.PIXELS:
-                self._note_pixels(tag, value, length)
+                self._note_pixels(tag, form, value, length)
                 return elements, value
             if length == _UNDEFINED:
                 items, position = self._undefined(tag, form, value, end, explicit, depth)
@@ -277,9 +279,8 @@ class _Scanner:
                 raise DamagedError("encapsulated data inside its header is broken")
             position = value + length
 
-    def _note_pixels(self, tag: int, value: int, length: int) -> None:
-        self.pixel_tag = tag
-        self.pixel_offset = value
+    def _note_pixels(self, tag: int, form: bytes, value: int, length: int) -> None:
+        self.pixel_tag, self.pixel_form, self.pixel_offset = tag, form, value
         self.pixel_length = None if length == _UNDEFINED else length
 
     def _require(self, position: int) -> None:

@@ -217,7 +217,8 @@ def _pixel_format(header: Header) -> PixelFormat | None:
         samples=numbers[_SAMPLES] or 0,
         photometric=photometric,
         high_bit=numbers["high bit"] or 0,
-        fault=_fault({_SAMPLES: numbers[_SAMPLES]} if is_float else numbers, photometric),
+        fault=_fault({_SAMPLES: numbers[_SAMPLES]} if is_float else numbers, photometric)
+        or _fault_of_order(header, numbers["bits allocated"]),
     )
 
 
@@ -230,6 +231,16 @@ def _fault(needed: dict[str, int | None], photometric: str) -> str | None:
         return f"its header gives no {' and no '.join(absent)}"
     if needed.get(_REPRESENTATION, 0) not in (0, 1):
         return f"its pixel representation is {needed[_REPRESENTATION]}, expected 0 (unsigned) or 1 (signed)"
+    return None
+
+
+def _fault_of_order(header: Header, bits_allocated: int | None) -> str | None:
+    """Return why pixels of 8 or 32 bits in big endian words of 16 (OW; PS3.5, 7.3 and 8.1.1) cannot be read."""
+    if header.is_big_endian and header.pixel_form == b"OW" and bits_allocated in (8, 32):
+        return (
+            f"its pixels of {bits_allocated} bits lie in big endian words of 16, which readers put together in two "
+            "ways; export it in little endian"
+        )
     return None
 
 

@@ -164,6 +164,11 @@ def test_a_bad_call_ends_in_one_sentence_and_writes_nothing(
         (["localize", "", "--diameter", "11.5"], 2, "PATH: is empty"),
         (["plan", "check", "plan.json", "--ct", "{ct}", "--no-go", ""], 2, "--no-go: is empty"),
         (["cohort", "{ct}", "", "-o", "out"], 2, "ROOT: is empty"),
+        (
+            ["localize", "-", "--diameter", "11.5"],
+            1,
+            "standard input is not read, so save what it brings to a file",
+        ),
         (["robot", "pivot", "-"], 1, "standard input is not read, so save what it brings to a file"),
         (["robot", "pivot", "{ct}"], 1, "it is a folder"),
         (["localize", "{ct}", "--diameter", "11.5", "-o", "-"], 2, "leave -o out for standard output"),

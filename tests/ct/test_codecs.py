@@ -9,7 +9,7 @@ import pytest
 from pydicom.encaps import encapsulate, generate_frames
 
 from ronnaplan.ct import Limits, VolumeFlag, codecs, read_ct
-from ronnaplan.ct.codecs import codestream_size, decode_frame
+from ronnaplan.ct.codecs import codestream, decode_frame
 from ronnaplan.ct.files import DiskFile
 from ronnaplan.ct.fragments import frame_fragments
 from ronnaplan.ct.header import read_header
@@ -186,9 +186,40 @@ def test_a_stream_that_declares_another_size_is_refused_before_it_is_decoded(tmp
     series(tmp_path, syntax, signed=False)
     made = pydicom.dcmread(tmp_path / "1")
     frame = next(generate_frames(made.PixelData, number_of_frames=1))
-    assert codestream_size(frame) == (64, 64, 1)
+    assert codestream(frame) == (64, 64, 1, 16, False)
     with pytest.raises(InputError, match=r"has rows, columns and samples \(64, 64, 1\), its header \(64, 65, 1\)"):
         decode_frame(frame, pixel_format(64, 65, syntax))
+
+
+@pytest.mark.parametrize(("syntax", "signed"), [(JPEG_LS, False), (JPEG_2000, False), (JPEG_2000, True)])
+def test_values_of_fewer_bits_than_the_header_has_are_refused_where_their_sign_is_doubtful(
+    syntax: str, signed: bool, tmp_path: Path
+) -> None:
+    """3000 was read as -1096, as pydicom reads it, and GDCM does not; what no reader doubts is read."""
+    for low, high, is_read in ((0, 2047, True), (-5 if signed else 0, 2047 if signed else 3000, False)):
+        values = np.linspace(low, high, 64 * 64).round().astype("i2" if signed else "u2").reshape(64, 64)
+        for k in range(3):
+            made = dataset(k, stored=values)
+            made.BitsStored, made.HighBit = 12, 11
+            made = compress(made, syntax, tmp_path)
+            made.BitsStored, made.HighBit, made.PixelRepresentation = 16, 15, int(not signed)
+            save(made, tmp_path / str(k))
+        if is_read:
+            assert np.array_equal(read_ct(tmp_path).voxels_hu[1], values.astype(int) - 1024)
+            continue
+        with pytest.raises(InputError, match=r"values of 12 bits with(out)? a sign, its header of 16"):
+            read_ct(tmp_path)
+
+
+@pytest.mark.parametrize("syntax", [JPEG_LS, JPEG_2000, JPEG_57])
+def test_values_of_more_bits_than_a_pixel_of_the_header_has_are_refused(syntax: str, tmp_path: Path) -> None:
+    """Their upper bits were left out."""
+    for k in range(3):
+        made = compress(dataset(k, stored=stored(k, signed=False)), syntax, tmp_path)
+        made.BitsAllocated, made.BitsStored, made.HighBit = 8, 8, 7
+        save(made, tmp_path / str(k))
+    with pytest.raises(InputError, match="values of 16 bits, its header has room for 8"):
+        read_ct(tmp_path)
 
 
 def jpeg_ls_frames(folder: Path) -> list[bytes]:
@@ -233,9 +264,9 @@ def test_jpeg_2000_in_a_jp2_box_is_judged_by_the_stream_that_is_decoded(tmp_path
     header = b"\0\0\0\x0cjP  \r\n\x87\n" + struct.pack(">L4s", 20, b"ftyp") + b"jp2 \0\0\0\0jp2 "
     small = struct.pack(">L4s", 50, b"free") + stream[:42]
     boxed = header + small + struct.pack(">L4s", len(stream) + 8, b"jp2c") + stream
-    assert codestream_size(boxed) == (64, 64, 1)
-    assert codestream_size(header + struct.pack(">L4s", 0xFFFFFFFF, b"free") + stream) is None
-    assert codestream_size(b"nonsense" + stream) is None
+    assert codestream(boxed) == (64, 64, 1, 16, False)
+    assert codestream(header + struct.pack(">L4s", 0xFFFFFFFF, b"free") + stream) is None
+    assert codestream(b"nonsense" + stream) is None
 
 
 @pytest.mark.parametrize("syntax", [JPEG_57, JPEG_LS, JPEG_2000, "1.2.840.10008.1.2.4.50"])

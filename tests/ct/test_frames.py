@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from pydicom.dataset import Dataset
 from pydicom.encaps import encapsulate, generate_frames
+from pydicom.pixels.utils import pixel_array
 
 from ronnaplan.ct import VolumeFlag, find_series, read_ct
 from ronnaplan.errors import InputError
@@ -210,6 +211,22 @@ def test_fragments_that_nothing_shares_out_among_frames_are_refused(tmp_path: Pa
     del made.PerFrameFunctionalGroupsSequence[3]
     with pytest.raises(InputError, match="3 compressed frames cannot be told apart"):
         read_ct(enhanced_file(tmp_path, made, "one frame too many"))
+
+
+def test_an_offset_table_that_puts_frames_in_another_order_than_they_lie_in_is_refused(tmp_path: Path) -> None:
+    """Some readers go by the table, others by the order, and each frame has its place by its number."""
+    made = compress(enhanced(3), "1.2.840.10008.1.2.4.80", tmp_path)
+    content = encapsulate(list(generate_frames(made.PixelData, number_of_frames=3)), has_bot=True)
+    offsets = np.frombuffer(content[8:20], "<u4")
+    for order, is_read in (((0, 1, 2), True), ((1, 2, 0), False)):
+        made.PixelData = content[:8] + offsets[list(order)].tobytes() + content[20:]
+        path = enhanced_file(tmp_path, made, f"table {order[0]}")
+        if is_read:
+            assert np.array_equal(read_ct(path).voxels_hu[2], pattern(2) - 1024)
+            continue
+        assert np.array_equal(pixel_array(path, index=2), pattern(0))
+        with pytest.raises(InputError, match="3 compressed frames cannot be told apart"):
+            read_ct(path)
 
 
 @pytest.mark.parametrize("unit", ["HU", "US", "Hounsfield", "hounsfield units", None])

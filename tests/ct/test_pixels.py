@@ -3,8 +3,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydicom import dcmwrite
 from pydicom.dataset import Dataset
 from pydicom.tag import Tag
+from pydicom.uid import ExplicitVRBigEndian
 
 from ronnaplan.ct import CTVolume, read_ct
 from ronnaplan.errors import InputError
@@ -157,3 +159,23 @@ def test_32_bit_integers_are_read(tmp_path: Path) -> None:
     volume = volume_of(tmp_path, np.array([[70000, -5], [0, 1]], np.int32), RescaleIntercept=0)
     assert volume.voxels_hu.dtype == np.float32
     assert volume.voxels_hu[0].tolist() == [[70000, -5], [0, 1]]
+
+
+@pytest.mark.parametrize(("kind", "form"), [("u1", "OB"), ("u1", "OW"), ("u4", "OW")])
+def test_pixels_that_readers_put_together_from_big_endian_words_in_two_ways_are_refused(
+    kind: str, form: str, tmp_path: Path
+) -> None:
+    """Bytes were read in each other's place, halves of what dcmtk writes too."""
+    stored = np.arange(20, dtype=kind).reshape(4, 5)
+    for k in range(3):
+        made = dataset(k, stored=stored)
+        made.file_meta.TransferSyntaxUID = ExplicitVRBigEndian
+        made["PixelData"].VR = form
+        if form == "OW":
+            made.PixelData = np.frombuffer(stored.tobytes(), "<u2").byteswap().tobytes()
+        dcmwrite(tmp_path / str(k), made, implicit_vr=False, little_endian=False)
+    if form == "OB":
+        assert np.array_equal(read_ct(tmp_path).voxels_hu[0], stored.astype(int) - 1024)
+        return
+    with pytest.raises(InputError, match=rf"pixels of {8 * stored.itemsize} bits lie in big endian words"):
+        read_ct(tmp_path)
