@@ -32,8 +32,9 @@ _LONGEST_START: Final = 1 << 12
 """Bytes within which a stream says how it was compressed."""
 _JPEG_2000_STYLE: Final = re.compile(rb"\xff\x52.{11}(.)", re.DOTALL)
 """The coding style of JPEG 2000 (ISO 15444-1, A.6.1); its last byte names the wavelet, 0 the irreversible one."""
-_JPEG_LS_SCAN: Final = re.compile(rb"\xff\xda\x00\x08\x01.{2}(.)", re.DOTALL)
-"""The start of scan of JPEG-LS (ITU-T T.87, C.2.3), of one component; its last byte is how far values may be off."""
+_SCAN: Final = re.compile(rb"\xff\xda\x00\x08\x01.{2}(.).(.)", re.DOTALL)
+"""The start of scan of one component: how far values of JPEG-LS may be off (ITU-T T.87, C.2.3), and in the lower half
+of its last byte how many bits lossless JPEG left out (the point transform; ITU-T T.81, B.2.3)."""
 _START_OF_FRAME: Final = frozenset({*range(0xC0, 0xD0), 0xF7} - {0xC4, 0xC8, 0xCC})
 PACKAGES: Final = {
     "1.2.840.10008.1.2.4.92": "JPEG 2000 multi-component, for which no maintained decoder is known",
@@ -79,9 +80,10 @@ def tells_loss(image: SliceImage) -> bool:
         return False
     offset, length = image.fragments[0]
     start = image.instance.blob.read(offset, min(length, _LONGEST_START))
-    if image.pixels.transfer_syntax in JPEG_LS:
-        scan = _JPEG_LS_SCAN.search(start)
-        return scan is not None and scan[1] != b"\0"
+    if image.pixels.transfer_syntax in JPEG_LS | JPEG_LOSSLESS:
+        scan = _SCAN.search(start)
+        is_near = image.pixels.transfer_syntax in JPEG_LS
+        return scan is not None and (scan[1] != b"\0" if is_near else scan[2][0] % 16 > 0)
     at = _codestream_start(start)
     style = _JPEG_2000_STYLE.search(start, at) if start.startswith(_JPEG_2000_START, at) else None
     return style is not None and style[1] == b"\0"

@@ -70,6 +70,17 @@ def test_a_stream_that_tells_of_a_loss_is_flagged_whatever_its_syntax_says(
     assert read_ct(tmp_path).flags == (VolumeFlag.LOSSY,)
 
 
+def test_lossless_jpeg_that_leaves_bits_out_is_flagged(tmp_path: Path) -> None:
+    """As dcmtk's dcmcjpeg does it (``+pt``), which says nothing of it in the header."""
+    series(tmp_path, JPEG_57, signed=False)
+    assert not read_ct(tmp_path).flags
+    for path in tmp_path.iterdir():
+        content = path.read_bytes()
+        point_transform = content.index(b"\xff\xda\x00\x08\x01") + 9
+        path.write_bytes(content[:point_transform] + b"\x01" + content[point_transform + 1 :])
+    assert read_ct(tmp_path).flags == (VolumeFlag.LOSSY,)
+
+
 def test_baseline_jpeg_is_read_and_flagged(tmp_path: Path) -> None:
     smooth = (np.add.outer(np.arange(64), np.arange(64)) + 20).astype(np.uint8)
     for k in range(3):
