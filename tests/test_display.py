@@ -161,7 +161,9 @@ def test_clipped_markers_do_not_hide_which_size_the_others_have() -> None:
     found = with_diameters(11.5, 11.49, 11.51, 11.2)
     clipped = replace(found.fiducials[-1], flags=(FiducialFlag.DIAMETER, FiducialFlag.CLIPPED))
     assert found.other_diameter_mm is None
-    assert replace(found, fiducials=(*found.fiducials[:3], clipped)).other_diameter_mm == pytest.approx(11.5)
+    told = replace(found, fiducials=(*found.fiducials[:3], clipped))
+    assert told.other_diameter_mm == pytest.approx(11.5)
+    assert "4 flagged, all that show their size measure 11.50 mm" in repr(told)
 
 
 def test_the_old_name_of_a_markers_error_is_deprecated() -> None:

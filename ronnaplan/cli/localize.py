@@ -229,7 +229,7 @@ def _other_sizes(volume: CTVolume, found: Fiducials) -> list[str]:
     if all({FiducialFlag.DIAMETER, FiducialFlag.CLIPPED} <= set(one.flags) for one in found):
         return [proposal(sizes_seen(volume, found.marker, progress=True))]
     other = found.other_diameter_mm
-    return [] if other is None else [f"all markers measure {other:.2f} mm: try --diameter {other:.1f}"]
+    return [] if other is None else [f"of the markers {found.other_size}: try --diameter {other:.1f}"]
 
 
 def _write(output: str | None, found: Fiducials) -> None:

@@ -152,6 +152,16 @@ def distinct(accepted: Iterable[Examined]) -> list[Examined]:
     return [ordered[n] for n in kept]
 
 
+def markers_in(examined: Iterable[Examined]) -> list[Examined]:
+    """One marker a place, of the stated size that is nearest to its own where it may be of several, best fits first."""
+    markers = [one for one in examined if one.is_marker]
+    off_mm, stated_mm = np.array([(abs(one.excess_mm), one.stated_mm) for one in markers]).reshape(-1, 2).T
+    shows = np.array([not one.is_clipped for one in markers], dtype=np.bool_)
+    nearer = (stated_mm != stated_mm[:, None]) & shows & (off_mm < off_mm[:, None])
+    of_others = (nearer & same_places(markers, markers)).any(axis=1)
+    return distinct(one for one, is_other in zip(markers, of_others, strict=True) if not is_other)
+
+
 def same_places(ones: Sequence[Examined], others: Sequence[Examined]) -> NDArray[np.bool_]:
     """Which of ``ones`` are about the same ball as which of ``others`` (N, M); of both there may be thousands."""
     centers_mm = np.array([other.center_mm for other in others]).reshape(-1, 3)

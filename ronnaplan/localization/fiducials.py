@@ -173,8 +173,7 @@ class Fiducials(Shown[Fiducial]):
     def _headline(self) -> str:
         doubted = sum(bool(found.flags) for found in self)
         flags = f", {doubted} flagged" if doubted else ""
-        other = self.other_diameter_mm
-        hint = f", all measure {other:.2f} mm" if other is not None else ""
+        hint = f", {self.other_size}" if self.other_size else ""
         hint += "" if len(self) else "; localization.sizes_seen(volume) tells what is there"
         hint = hint if self.distortion is None else f"; {self.distortion}"
         rejected = counted(len(self.rejected), "candidate")
@@ -192,6 +191,13 @@ class Fiducials(Shown[Fiducial]):
             return None
         middle = float(np.median(measured))
         return middle if np.abs(measured - middle).max() < SIZE_TOLERANCE_MM else None
+
+    @property
+    def other_size(self) -> str:
+        """Which markers have `other_diameter_mm`, in words; empty where none have."""
+        some_hide_it = any(FiducialFlag.CLIPPED in found.flags for found in self)
+        other, who = self.other_diameter_mm, "all that show their size" if some_hide_it else "all"
+        return "" if other is None else f"{who} measure {other:.2f} mm"
 
     def _columns(self) -> Mapping[str, Sequence[object]]:
         errors = [np.sqrt(np.diag(found.covariance_mm2)) for found in self]

@@ -30,7 +30,7 @@ from ronnaplan.ct.progress import Progress
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import InputError, RefusedError, UsageError, check_type
 from ronnaplan.localization.build import SOLID, Build
-from ronnaplan.localization.examine import Examined, distinct, examine, examine_places, same_places
+from ronnaplan.localization.examine import Examined, examine, examine_places, markers_in, same_places
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
 from ronnaplan.localization.judge.motion import LEAST_TOGETHER
 from ronnaplan.localization.scanner.scan import Scan
@@ -87,7 +87,7 @@ def localize(
         beside.submit(lambda: volume.voxel_sha256)
         scan, examined = _examined(volume, diameters, marker, progress)
     (examined,) = by_the_usual([(scan, examined)], marker)
-    judged = alike(distinct(one for one in examined if one.is_marker))
+    judged = alike(markers_in(examined))
     turned_down = [one for one in examined if not one.is_marker]
     markers = _from_the_top(together(scan, sized([one for one in judged if one.is_marker], turned_down)))
     examined = [*turned_down, *judged]

@@ -100,6 +100,14 @@ def test_two_kinds_of_markers_are_found_together() -> None:
     assert sizes == [5.0, 11.5, 11.5]
 
 
+def test_each_marker_is_one_of_the_size_that_is_nearest_where_two_that_are_stated_may_be_its() -> None:
+    """Which of them fitted better was chance: a ball of 6.3 mm was one of 6 mm in a covering, 0.15 mm uncertain."""
+    scene = balls([(-18, -9, 0), (16, 10, 4), (0, 14, -8)], 6.0) + balls([(18, -9, 0), (-16, 10, 4)], 6.3)
+    found = localize(scan(scene, small_stack()), diameter_mm=(6.0, 6.3), expected=5)
+    assert [one.flags for one in found] == [()] * 5
+    assert max(one.error_rms_mm for one in found) < 0.02
+
+
 def test_two_markers_a_millimetre_apart_do_not_pull_at_each_other() -> None:
     places = [(-6.25, 1.0, 0.5), (6.25, 1.0, 0.5)]
     found = localize(scan(balls(places), small_stack()), diameter_mm=11.5, expected=2)
