@@ -19,6 +19,7 @@ from ronnaplan.robot.lights import MODELED_SHADOW_PX, SHADOW_PX, Sight, by_turni
 from ronnaplan.robot.pixel_noise import noise_on
 from ronnaplan.robot.shading import ShadedSphere, find_shaded, in_own_shadow
 from ronnaplan.robot.shading_compiled import Flags
+from ronnaplan.robot.specks import without_specks
 from ronnaplan.sigmas import SIGMA_LAMP_DEG
 
 CONSENSUS_PX = 2.0
@@ -37,10 +38,10 @@ WAVES = (2, 3, 4)
 LARGEST_FIRST_WAVE = 4.0
 """Where the light is not in the model, the wave of one period, which moves the center, is larger than those of more,
 by up to this factor (squared), as on balls lit from aside whose brightness does not fall off as the cosine."""
-BY_LIMB, OVEREXPOSED_SHARE = 4.0, 0.1
-"""Errors are counted so many times (squared) where a ball's light is told by its limb, as more than this share of it is
-brighter than pixels get, or its middle is not in the model: what of its light is not leaves no misfit there, but moves
-the center."""
+BY_PART, OVEREXPOSED_SHARE = 4.0, 0.1
+"""Errors are counted so many times (squared) where a ball's light is told by a part of it, as more than this share is
+brighter than pixels get, its middle is not in the model, or specks lie on it: what of its light is not leaves no misfit
+there, but moves the center."""
 LENS_FALL, LENS_SHARE = 4, 3**-0.5
 """A lens makes what is off its axis darker by up to this power of the cosine: by anything from none to all of it, of
 which the second is the RMS."""
@@ -140,8 +141,9 @@ def _outline(grey: Image, cone: Cone, camera: Camera, lamp_sd_deg: float) -> Out
 def _fitted(grey: Image, cone: Cone, camera: Camera) -> tuple[ShadedSphere, float] | None:
     """Return the sphere near ``cone`` and by how much its errors are larger than noise, or None where there is none.
 
-    A sphere whose light is not in the model, or that something spoils, is looked at as one in its own shadow, and then
-    by its rim alone, which a cable across it or a highlight in its middle leaves clean for the most part.
+    A sphere whose light is not in the model, or that something spoils, is looked at as one in its own shadow, then by
+    its rim alone, which a cable across it or a highlight in its middle leaves clean for the most part, and then without
+    what is finer on it than light, as dust all over.
     """
     expected = grey, camera, cone.direction, cone.half_angle, cone.rays
     whole = _judged(find_shaded(*expected))
@@ -157,13 +159,29 @@ def _fitted(grey: Image, cone: Cone, camera: Camera) -> tuple[ShadedSphere, floa
     rim = _judged(find_shaded(*expected, rim_only=True))
     instead = bool(np.isfinite(largest))  # of a whole that is believed else
     if rim is not None and _is_clean(rim[1]) and rim[0].noise <= largest and not (instead and rim[0].dark > DARK):
-        return rim[0], _doubted(*rim, by_limb=instead)
+        return rim[0], _doubted(*rim, by_part=instead)
+    cleaned = _without_specks(grey, cone, camera)
+    if cleaned is not None:
+        return cleaned[0], _doubted(*cleaned, by_part=True)
     return None if whole is None else (whole[0], _doubted(*whole))
 
 
-def _doubted(found: ShadedSphere, told: _Judged, *, by_limb: bool = False) -> float:
-    """Return by how much the errors of a sphere are larger than noise, squared; its light may be told ``by_limb``."""
-    return told.excess * (BY_LIMB if by_limb or found.clipped_share > OVEREXPOSED_SHARE else 1.0)
+def _without_specks(grey: Image, cone: Cone, camera: Camera) -> tuple[ShadedSphere, _Judged] | None:
+    """Return the sphere near ``cone`` by what is beside specks on it, where that leaves no more than noise."""
+    ball = camera.pixels(cone.direction[None])[0], cone.half_angle * camera.focal_px
+    noise = noise_on(grey, *ball)
+    cleaned = without_specks(grey, *ball, noise) if np.isfinite(noise) else None
+    if cleaned is None:
+        return None
+    found = _judged(find_shaded(cleaned, camera, cone.direction, cone.half_angle, cone.rays))
+    if found is None or not _is_clean(found[1]) or found[0].noise > NOISY * noise or found[0].dark > DARK:
+        return None
+    return found
+
+
+def _doubted(found: ShadedSphere, told: _Judged, *, by_part: bool = False) -> float:
+    """Return by how much the errors of a sphere are larger than noise, squared; it may be told ``by_part`` of it."""
+    return told.excess * (BY_PART if by_part or found.clipped_share > OVEREXPOSED_SHARE else 1.0)
 
 
 def _noise_of(found: ShadedSphere, grey: Image, camera: Camera) -> float:
@@ -179,7 +197,7 @@ def _judged(found: ShadedSphere | None) -> tuple[ShadedSphere, _Judged] | None:
 
 
 def _is_clean(told: _Judged) -> bool:
-    """Tell whether a rim shows no more than noise, on so much of the outline that it is a sphere's."""
+    """Tell whether a part of a ball shows no more than noise, on so much of the outline that it is a sphere's."""
     return told.excess < SHADOWED and float(told.kept.mean()) > SHADOW_COVERAGE
 
 

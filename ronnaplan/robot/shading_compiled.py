@@ -40,7 +40,7 @@ def gather(
     ``bend`` (10, 2) makes places (px, in a plane square to the line of sight) of columns and rows less ``middle`` (2),
     over ``scale``. Pixels are taken up to the first of ``bounds`` outside the ``radius``; those further beside it than
     the second are averaged over squares of ``block`` pixels a side, where they fill one and none has the brightness
-    ``clipped_at``.
+    ``clipped_at``. Those that are NaN are left out.
     """
     size = grey.size
     places, values, sector = np.empty((size, 2)), np.empty(size), np.empty(size, np.int64)
@@ -59,7 +59,7 @@ def gather(
                 for column in range(left, right, step):
                     if not whole and not bent(column, row, bend, middle, scale, at):
                         continue
-                    if np.hypot(at[0], at[1]) > radius + bounds[0]:
+                    if np.hypot(at[0], at[1]) > radius + bounds[0] or np.isnan(grey[row, column]):
                         continue
                     places[count, 0], places[count, 1] = at[0], at[1]
                     values[count] = grey[row : row + step, column : column + step].mean()

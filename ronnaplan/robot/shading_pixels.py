@@ -64,7 +64,7 @@ def pixels_near(
     count = int(np.clip(2 * np.pi * radius / ARC_PX, FEWEST_SECTORS, MOST_SECTORS))
     edge = min(EDGE_PX, radius)
     block = int(np.ceil((radius - edge) * np.sqrt(np.pi / MOST_INSIDE)))
-    bounds, brightest = (OUTWARD_PX, edge), float(grey.max())
+    bounds, brightest = (OUTWARD_PX, edge), float(np.nanmax(grey))
     clipped_at = brightest if np.count_nonzero(window == brightest) >= MANY else np.inf
     gathered = gather(window, bend, middle - low, scale, radius, bounds, count, max(block, 1), clipped_at)
     found = Pixels(*gathered, focal, clipped_at)

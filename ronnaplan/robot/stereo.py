@@ -162,10 +162,15 @@ def _other_size(met: list[StereoSphere], rig: StereoRig, diameter_mm: float) -> 
 
 def _advice(lefts: list[Outline], rights: list[Outline], agreed: bool) -> str:
     """Say what to do where no outlines are of one sphere; ``agreed``: edges in both images are of one."""
-    if agreed and not (lefts and rights):
+    if agreed and lefts and rights:
+        return (
+            "; edges agree on one in both images, but its outlines do not: take both at one moment, light it evenly "
+            "and without gloss up to its limb, and calibrate the cameras anew if they were moved"
+        )
+    if agreed:
         return (
             "; edges agree on one in both images, but its outline is not a sphere's: bring it into focus, let it and "
-            "the cameras rest, and let nothing hide or outshine its limb"
+            "the cameras rest, and let nothing hide or outshine its limb, or be mirrored in it"
         )
     if lefts and rights:
         return (

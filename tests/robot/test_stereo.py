@@ -201,6 +201,16 @@ def test_images_of_the_other_camera_each_are_told_as_such() -> None:
         locate_sphere(right, left, RIG_EXACT, diameter_mm=DIAMETER)
 
 
+def test_cameras_that_were_moved_since_they_were_calibrated_are_told_as_such() -> None:
+    """It was to be checked that the images are not exchanged, and the cameras to be moved closer."""
+    images = seen([np.array([3.0, -2, 300])], np.random.default_rng(3))
+    moved_by = np.eye(4)
+    moved_by[:3, :3] = Rotation.from_rotvec([0.002, 0, 0]).as_matrix()
+    rig = replace(RIG_EXACT, right=replace(RIG_EXACT.right, rig_from_camera=RIGHT @ moved_by))
+    with pytest.raises(InputError, match=r"1 outlines left, 1 right\); edges agree on one .* if they were moved"):
+        locate_sphere(*images, rig, diameter_mm=DIAMETER)
+
+
 def test_two_spheres_are_refused() -> None:
     images = seen([np.array([-14.0, -8, 300]), np.array([14.0, 9, 300])], np.random.default_rng(4))
     with pytest.raises(RefusedError, match="2 spheres"):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from phantoms.stereo_kinds import SCENES
 from phantoms.stereo_scenes import random_rig, render
@@ -76,6 +77,38 @@ def test_a_clean_part_of_a_rim_makes_no_ball_of_what_is_none(name: str) -> None:
         view, rig = rendered(name, seed)
         with pytest.raises(InputError, match="no sphere"):
             locate_sphere(view.left, view.right, rig, diameter_mm=DIAMETER)
+
+
+def dusty(grey: np.ndarray, rng: np.random.Generator, specks: int = 8) -> np.ndarray:
+    """Return an image with blurred specks of 3 to 8 pixels all over the ball, the brightest thing in it."""
+    ball = np.argwhere(gaussian_filter(grey.astype(float), 2.0) > grey.max() / 2)
+    middle, radius = ball.mean(axis=0), np.sqrt(len(ball) / np.pi)
+    rows, columns = np.indices(grey.shape)
+    dust = np.zeros(grey.shape)
+    for turn, away in zip(rng.uniform(0, 2 * np.pi, specks), np.sqrt(rng.uniform(0.1, 0.7, specks)), strict=True):
+        row, column = middle + away * radius * np.array([np.sin(turn), np.cos(turn)])
+        dust[np.hypot(rows - row, columns - column) < rng.uniform(1.5, 4.0)] = rng.uniform(0.2, 0.7)
+    return np.rint(grey * (1 - gaussian_filter(dust, 1.0))).astype(grey.dtype)
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4])
+def test_dust_all_over_a_ball_does_not_keep_it_from_being_measured(seed: int) -> None:
+    """No sector is without a speck; by the whole of it and by its rim no outline is found."""
+    view, rig = rendered("gradient 20 %", seed)
+    rng = np.random.default_rng(seed)
+    found = locate_sphere(dusty(view.left, rng), dusty(view.right, rng), rig, diameter_mm=DIAMETER)
+    error = found.position_mm - view.center_mm
+    assert np.linalg.norm(error) < 0.01
+    assert error @ np.linalg.solve(found.covariance_mm2, error) / 3 < 4
+
+
+@pytest.mark.parametrize("name", ["flat disc", "half hidden", "20 % smaller"])
+def test_dust_makes_no_ball_of_what_is_none(name: str) -> None:
+    for seed in (1, 2):
+        view, rig = rendered(name, seed)
+        rng = np.random.default_rng(seed)
+        with pytest.raises(InputError, match="no sphere"):
+            locate_sphere(dusty(view.left, rng), dusty(view.right, rng), rig, diameter_mm=DIAMETER)
 
 
 def test_an_outline_that_turns_out_to_be_well_beside_its_edges_is_looked_for_there() -> None:
