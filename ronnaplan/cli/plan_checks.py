@@ -43,8 +43,9 @@ def run_check(arguments: argparse.Namespace) -> int:
         write_atomically(arguments.output, measures_document(case.plan, measured, verdicts))
     warn(*unnamed_documents(arguments), *case.surroundings.doubts)
     warn(*(f"{one.trajectory.name}: {doubt}" for one in measured for doubt in one.doubts))
-    print(f"{measures_table(measured, case.surroundings.expected)}\n\n{verdict_table(verdicts)}")
-    if not measured:
+    if measured:
+        print(f"{measures_table(measured, case.surroundings.expected)}\n\n{verdict_table(verdicts)}")
+    else:
         warn("the plan holds no trajectories; nothing was checked")
     if all_pass(verdicts):
         return 0
