@@ -1,4 +1,4 @@
-"""``ronnaplan prepare``: compile now what would else be compiled at first use, up to a minute of a processor."""
+"""``ronnaplan prepare``: compile now what would else be compiled at first use, a minute of a processor or more."""
 
 from __future__ import annotations
 
@@ -39,10 +39,22 @@ def run(arguments: argparse.Namespace) -> int:
     describe_layout(NEARLY_A_SQUARE_MM).refusal_probability()
     both = found.centers, found.centers[::-1].copy()
     match_points(*both, covariances_ct_mm2=found.covariances, covariances_ots_mm2=found.covariances)
+    pair_many()
     place_robot()
     see_sphere()
     tell("done: localize, register, robot place and relocate start without compiling")
     return 0
+
+
+def pair_many() -> None:
+    """Pair more points than are listed in every order: of some orders fit alike, of others one does."""
+    import numpy as np
+
+    from ronnaplan.correspondence import match_points
+
+    lattice = 20.0 * np.indices((3, 3, 2)).reshape(3, -1).T
+    for points in (lattice, lattice + np.random.default_rng(0).normal(0.0, 8.0, lattice.shape)):
+        match_points(points, points[::-1].copy())
 
 
 def place_robot() -> None:

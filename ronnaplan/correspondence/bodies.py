@@ -16,7 +16,7 @@ from ronnaplan.correspondence.priors import size_priors
 from ronnaplan.correspondence.problem import Problem
 from ronnaplan.correspondence.rivals import LEAST_REGULAR, LOG_ODDS_PER_PAIR
 from ronnaplan.correspondence.told import LEAST_PAIRS, Told
-from ronnaplan.correspondence.weighing import Pose, alike, pose_evidence
+from ronnaplan.correspondence.weighing import Pose, is_alike, left_by, weigh_pairs
 from ronnaplan.geometry import FloatArray
 
 LIKELY_PAIR = 0.5
@@ -87,7 +87,7 @@ def odds_of_body_beside(problem: Problem, poses: list[Pose], of_pairs: FloatArra
     body = np.full(problem.counts[0], -1)
     paired = partners[top] >= 0
     body[i[paired]] = j[partners[top][paired]]
-    if len(alike(poses[1:], body)):
+    if any(is_alike(pose.partner, body) for pose in poses[1:]):
         return 0.0
     real = 1.0 / (1.0 + math.exp(min(background - log_evidence[top], 700.0)))
     return real * math.exp(LOG_ODDS_PER_PAIR * (int(paired.sum()) - size))
@@ -98,11 +98,8 @@ def is_other_body(best: Pose, rival: Pose) -> bool:
 
     What each explains is explained then, whichever is the patient: evidence does not tell.
     """
-    i, j = rival.pairs.T
-    shared = (best.partner[i] >= 0) | np.isin(j, best.pairs[:, 1])
-    return 2 * int(shared.sum()) <= len(shared) and fits_as_well(
-        rival.chi2, len(rival.pairs), best.chi2, len(best.pairs)
-    )
+    size, left = len(rival.pairs), int((left_by(best.partner, rival.partner) >= 0).sum())
+    return 2 * left >= size and fits_as_well(rival.chi2, size, best.chi2, len(best.pairs))
 
 
 def larger_first(found: Found) -> Found:
@@ -139,9 +136,8 @@ def odds_of_bodies(found: Found, best: Pose) -> float:
 
     ``best`` may have been weighed with other errors.
     """
-    same = alike(found.poses, best.partner)[:1]
-    others = [pose for number, pose in enumerate(found.poses) if number not in same]
-    return sum(odds_of_body(found.chance, found.poses[int(k)], pose) for k in same for pose in others)
+    same = next((pose for pose in found.poses if is_alike(pose.partner, best.partner)), None)
+    return sum(odds_of_body(found.chance, same, pose) for pose in found.poses if same and pose is not same)
 
 
 def odds_of_body(chance: Chance, best: Pose, rival: Pose) -> float:
@@ -150,11 +146,10 @@ def odds_of_body(chance: Chance, best: Pose, rival: Pose) -> float:
     Then both sets hold two rigid bodies, and evidence does not tell which of them is the patient: the larger is, by
     `LOG_ODDS_PER_PAIR` for each point more, where a point that both claim is of one of them.
     """
-    rest = np.where(best.partner >= 0, -1, rival.partner)
-    rest = np.where(np.isin(rest, best.pairs[:, 1]), -1, rest)
+    rest = left_by(best.partner, rival.partner)
     if (rest >= 0).sum() < LEAST_PAIRS:
         return 0.0
-    alone = pose_evidence(chance.problem, rest, len(best.pairs))[1]
+    alone = weigh_pairs(chance.problem, rest, len(best.pairs))[1]
     real = 1.0 / (1.0 + math.exp(min(-alone, 700.0)))
     of_best, of_rival = (chance.claims(pose) for pose in (best, rival))
     return real * odds_by_size(of_best.point_probabilities(of_rival), of_rival.point_probabilities(of_best))

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from kernelcache import njit
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.problem import Problem
 from ronnaplan.correspondence.refining import PAIR_SIGMAS
@@ -23,8 +25,7 @@ LEAST_ODDS = 0.01
 than a hundredth each."""
 
 
-@dataclass(frozen=True, eq=False)
-class Densities:
+class Densities(NamedTuple):
     """How dense a set lies about each point: its nearest others (n, K), and the volume of the ball (n,) that they fill.
 
     Twice the square root of their number: fewer know a density too poorly, more know it too far away.
@@ -39,12 +40,48 @@ class Densities:
         count = min(2 * math.isqrt(len(points)) + 1, len(points))
         distance, index = map(np.asarray, cKDTree(points).query(points, count))
         radius = np.maximum(distance[:, -1], PAIR_SIGMAS * sigma_mm)
-        return cls(index[:, 1:], 4.0 / 3.0 * math.pi * radius**3)
+        return cls(np.ascontiguousarray(index[:, 1:], np.int64), 4.0 / 3.0 * math.pi * radius**3)
 
-    def density(self, share: FloatArray) -> FloatArray:
-        """Return how dense at each point those are that count with ``share`` (n,); their mean counts as one more."""
-        mean = (share.sum() + 1.0) / (len(share) + 1.0)
-        return np.asarray((share.take(self.near).sum(axis=1) + mean) / self.volume_mm3)
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def density(densities: Densities, share: FloatArray) -> FloatArray:
+    """Return how dense at each point those are that count with ``share`` (n,); their mean counts as one more."""
+    mean, found = (share.sum() + 1.0) / (len(share) + 1.0), np.empty(len(share))
+    for p in range(len(share)):
+        total = mean
+        for q in densities.near[p]:
+            total += share[q]
+        found[p] = total / densities.volume_mm3[p]
+    return found
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def odds_of_pairs(
+    i: IntArray, j: IntArray, likelihood: FloatArray, partner: IntArray, ct: Densities, ots: Densities
+) -> tuple[FloatArray, FloatArray]:
+    """Return the odds (L,) that points ``i`` and ``j`` (L,) are a pair, and the probability of each pair (n,) made.
+
+    Markers of both sets, and the outliers of each, lie with densities of their own: the odds of a pair of the
+    ``likelihood`` N(r; 0, c) (L,), at the distance r, are that times the density of the markers, over the product of
+    the outliers' there.  The densities about each point are taken from its neighbours, which count as outliers with
+    what is left of their own probability; ``partner`` (n,) tells which pairs are made.
+    """
+    odds, of_ct, of_ots = likelihood.copy(), np.zeros(len(ct.near)), np.zeros(len(ots.near))
+    for p in range(len(partner)):
+        if partner[p] >= 0:
+            of_ct[p] = of_ots[partner[p]] = 1.0
+    for _ in range(ROUNDS):
+        markers, only_ct, only_ots = density(ct, of_ct), density(ct, 1.0 - of_ct), density(ots, 1.0 - of_ots)
+        at_ct, at_ots = np.zeros(len(of_ct)), np.zeros(len(of_ots))
+        for a in range(len(odds)):
+            odds[a] = likelihood[a] * markers[i[a]] / (only_ct[i[a]] * only_ots[j[a]])
+            at_ct[i[a]] += odds[a]
+            at_ots[j[a]] += odds[a]
+        of_ct, of_ots = np.zeros(len(of_ct)), np.zeros(len(of_ots))
+        for a in range(len(odds)):
+            if partner[i[a]] == j[a]:
+                of_ct[i[a]] = of_ots[j[a]] = odds[a] / (1.0 + at_ct[i[a]] + at_ots[j[a]] - odds[a])
+    return odds, of_ct
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,12 +145,12 @@ class Chance:
 
     def pair_probabilities(self, matrix: FloatArray, partner: IntArray) -> FloatArray:
         """Return the probability of each pair of a pose (3, 4), against outliers that meet and its neighbours."""
-        return self._meetings(matrix, partner)[2][partner >= 0]
+        return self._meetings(matrix, partner)[3][partner >= 0]
 
     def claims(self, pose: Pose) -> Claims:
         """Return which points a pose pairs, each with any of its neighbours."""
-        i, j, _, odds = self._meetings(pose.matrix, pose.partner)
-        return Claims(i.astype(np.int64), j.astype(np.int64), odds, self.problem.counts)
+        i, j, odds, _ = self._meetings(pose.matrix, pose.partner)
+        return Claims(i, j, odds, self.problem.counts)
 
     def point_probabilities(self, pose: Pose) -> FloatArray:
         """Return `Claims.point_probabilities` of a pose; each is asked for it more than once."""
@@ -132,33 +169,15 @@ class Chance:
     def _meetings(
         self, matrix: FloatArray, partner: IntArray
     ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-        """Return the points (L,) and (L,) that lie near each other under a pose, the probability (n,) of each pair.
-
-        The last are the odds (L,) of all.
-
-        Markers of both sets, and the outliers of each, lie with densities of their own: the odds of points (i, j) at
-        the distance r are those of the markers times N(r; 0, c), over the product of the outliers' there.  The
-        densities about each point are taken from its neighbours, which count as outliers with what is left of their
-        own probability.
-        """
-        problem, (n, m) = self.problem, self.problem.counts
+        """Return the points (L,) and (L,) near each other under a pose, and their `odds_of_pairs`."""
+        problem = self.problem
         moved = problem.ct @ matrix[:, :3].T + matrix[:, 3]
         reach = 1.5 * PAIR_SIGMAS * problem.sigma_mm
         near = cKDTree(moved).sparse_distance_matrix(self._tree, reach, output_type="ndarray")
-        row, column = near["i"], near["j"]
-        variance = problem.pair_variances(row, column)
+        i, j = near["i"].astype(np.int64), near["j"].astype(np.int64)
+        variance = problem.pair_variances(i, j)
         likelihood = (2.0 * np.pi * variance) ** -1.5 * np.exp(-0.5 * near["v"] ** 2 / variance)
-        is_pair = partner[row] == column
-        i, j = row[is_pair], column[is_pair]
-        probabilities, of_ots = (partner >= 0).astype(np.float64), np.bincount(j, minlength=m).astype(np.float64)
-        odds = likelihood
-        for _ in range(ROUNDS):
-            ct, ots = self.ct.density(1.0 - probabilities), self.ots.density(1.0 - of_ots)
-            odds = likelihood * self.ct.density(probabilities)[row] / (ct[row] * ots[column])
-            sums = np.bincount(row, odds, n)[i] + np.bincount(column, odds, m)[j]
-            probabilities[:], of_ots[:] = 0.0, 0.0
-            probabilities[i] = of_ots[j] = odds[is_pair] / (1.0 + sums - odds[is_pair])
-        return row, column, probabilities, odds
+        return i, j, *odds_of_pairs(i, j, likelihood, partner, self.ct, self.ots)
 
 
 def connected(i: IntArray, j: IntArray, count: int) -> IntArray:

@@ -30,7 +30,7 @@ from ronnaplan.correspondence.problem import Problem, moved_pairs, pairs_of
 from ronnaplan.correspondence.refining import PAIR_SIGMAS, refined
 from ronnaplan.correspondence.rivals import LOG_ODDS_OF_MIRROR
 from ronnaplan.correspondence.told import LEAST_PAIRS
-from ronnaplan.correspondence.weighing import Pose, pose_evidence
+from ronnaplan.correspondence.weighing import Pose, weigh_pairs
 from ronnaplan.geometry import FloatArray
 
 MISSED_SHARE = 0.1
@@ -148,9 +148,9 @@ def odds_of_turn(problem: Problem, given: IntArray) -> float:
         return math.inf
     partner = np.full(problem.counts[0], -1)
     partner[given[:, 0]] = given[:, 1]
-    of_all = pose_evidence(problem, partner)[1]
+    of_all = weigh_pairs(problem, partner)[1]
     partner[given[off, 0]] = -1
-    return math.exp(min(of_all - pose_evidence(problem, partner)[1], 700.0))
+    return math.exp(min(of_all - weigh_pairs(problem, partner)[1], 700.0))
 
 
 def rivals_of(poses: list[Pose]) -> tuple[Rival, ...]:

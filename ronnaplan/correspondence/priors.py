@@ -7,12 +7,14 @@ from functools import cache, lru_cache
 
 import numpy as np
 
+from kernelcache import njit
 from ronnaplan.correspondence.evidence import FEW_PAIRS, GATE_CHI2, LOOSE_CHI2, SCALE_PRIORS, SCALES
 from ronnaplan.correspondence.told import LEAST_PAIRS, Told
 from ronnaplan.geometry import FloatArray
 
 
-def log_pairings(ct_count: int, ots_count: int, size: int, known: int = 0) -> float:
+@njit(cache=True, nogil=True, error_model="numpy")
+def log_pairings(ct_count: int, ots_count: int, size: int, known: int) -> float:
     """Return the log of the number of pairings of ``size`` pairs that contain ``known`` given ones."""
     n, m, k = ct_count - known, ots_count - known, size - known
     return (

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from kernelcache import njit
 from ronnaplan.correspondence.evidence import fit, log_misfit
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.priors import log_pairings
@@ -31,7 +31,7 @@ class Pose:
     @classmethod
     def weighed(cls, problem: Problem, matrix: FloatArray, partner: IntArray) -> Pose:
         """Return the pose weighed by the pairs that it makes."""
-        return cls(matrix, partner, *pose_evidence(problem, partner))
+        return cls(matrix, partner, *weigh_pairs(problem, partner))
 
     @cached_property
     def pairs(self) -> IntArray:
@@ -39,48 +39,64 @@ class Pose:
         return pairs_of(self.partner)
 
 
-def pose_evidence(problem: Problem, partner: IntArray, taken: int = 0) -> tuple[float, float]:
+def weigh_pairs(problem: Problem, partner: IntArray, taken: int = 0) -> tuple[float, float]:
+    """Return the chi^2 of a pairing and its log evidence, see `pose_evidence`."""
+    return pose_evidence(problem.ct, problem.ots, problem.weights, problem.volume_mm3, partner, taken)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def pose_evidence(
+    ct: FloatArray, ots: FloatArray, weight: FloatArray, volume: float, partner: IntArray, taken: int
+) -> tuple[float, float]:
     """Return the chi^2 of a pairing, and its log evidence as in `evidence`, with markers as wide as the outliers.
 
     ``taken``: points of either set that belong to another body and could not have paired.
     """
     i = np.flatnonzero(partner >= 0)
-    size, j = len(i), partner[i]
-    variance = problem.pair_variances(i, j)
-    chi2, volume = fit(problem.ct, problem.ots, problem.weights, i, j, size, math.inf)
-    counts = (len(problem.ct) - taken, len(problem.ots) - taken)
-    log_evidence = (
-        -math.log(min(counts))
-        - log_pairings(*counts, size)
-        + (size - 1) * math.log(problem.volume_mm3)
-        - math.log(8.0 * math.pi**2)
-        + (3.0 - 1.5 * size) * math.log(2.0 * math.pi)
-        - 1.5 * float(np.log(variance).sum())
-        + volume
-        + float(log_misfit(chi2, size))
-    )
-    return float(chi2), float(log_evidence)
+    j, size = partner[i], len(i)
+    n, m = len(ct) - taken, len(ots) - taken
+    chi2, log_evidence = fit(ct, ots, weight, i, j, size, math.inf)
+    for a in range(size):
+        log_evidence += 1.5 * math.log(weight[i[a], j[a]])
+    log_evidence += (size - 1) * math.log(volume) - math.log(8.0 * math.pi**2) - math.log(min(n, m))
+    log_evidence += (3.0 - 1.5 * size) * math.log(2.0 * math.pi) - log_pairings(n, m, size, 0)
+    return chi2, log_evidence + log_misfit(chi2, size)
 
 
-def alike(poses: Sequence[Pose], partner: IntArray) -> IntArray:
-    """Return which of ``poses`` pair mostly the same points as a ``partner`` (n,) of each CT point does."""
-    partners = np.array([pose.partner for pose in poses], dtype=np.int64).reshape(-1, len(partner))
-    paired = partners >= 0
-    # a sum of truths would take three times as long
-    agreeing = np.count_nonzero(paired & (partners == partner), axis=1)
-    of_fewer = np.minimum(np.count_nonzero(paired, axis=1), np.count_nonzero(partner >= 0))
-    return np.flatnonzero(2 * agreeing > of_fewer)
+@njit(cache=True, nogil=True, error_model="numpy")
+def is_alike(partner: IntArray, other: IntArray) -> bool:
+    """Tell whether two pairings, each the partner (n,) of each CT point, pair mostly the same points."""
+    agreeing = of_one = of_other = 0
+    for i in range(len(partner)):
+        of_one += partner[i] >= 0
+        of_other += other[i] >= 0
+        agreeing += partner[i] >= 0 and partner[i] == other[i]
+    return 2 * agreeing > min(of_one, of_other)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def left_by(best: IntArray, partner: IntArray) -> IntArray:
+    """Return a pairing (n,) less the pairs of which either point is one that the pairing ``best`` (n,) claims."""
+    claimed = np.zeros(max(best.max(), partner.max()) + 1, np.bool_)
+    for i in range(len(best)):
+        if best[i] >= 0:
+            claimed[best[i]] = True
+    rest = partner.copy()
+    for i in range(len(rest)):
+        if rest[i] >= 0 and (best[i] >= 0 or claimed[rest[i]]):
+            rest[i] = -1
+    return rest
 
 
 def add_pose(poses: list[Pose], pose: Pose) -> None:
-    """Add a pose, or let it replace one that is `alike` with less evidence; one that chance explains is dropped."""
+    """Add a pose, or let it replace one that `is_alike` with less evidence; one that chance explains is dropped."""
     if pose.log_evidence < 0:
         return
-    same = alike(poses, pose.partner)
-    if len(same) == 0:
+    same = next((k for k, one in enumerate(poses) if is_alike(one.partner, pose.partner)), None)
+    if same is None:
         poses.append(pose)
-    elif pose.log_evidence > poses[same[0]].log_evidence:
-        poses[same[0]] = pose
+    elif pose.log_evidence > poses[same].log_evidence:
+        poses[same] = pose
     if len(poses) > MOST_POSES:
         poses.sort(key=lambda one: -one.log_evidence)
         poses.pop()

@@ -61,6 +61,36 @@ print(json.dumps(compiled()))
 """
 
 
+def test_after_prepare_any_number_of_markers_is_paired_without_compiling() -> None:
+    """The first registration of more than 16 points compiled for 20 s."""
+    found = subprocess.run([sys.executable, "-c", PAIRED], cwd=ROOT, capture_output=True, text=True, check=True)
+    prepared, paired = json.loads(found.stdout)
+    assert {name: kinds for name, kinds in paired.items() if kinds != prepared.get(name, [])} == {}
+    assert prepared["ronnaplan.correspondence.seeds.poses_of_seeds"]
+
+
+PAIRED = (
+    COUNT.split("told = []")[0]
+    + """
+from ronnaplan.cli.prepare import pair_many
+from ronnaplan.correspondence import match_points
+from tests.correspondence.scenes import HEAD, bodies
+
+match_points(HEAD[:5], HEAD[:5])
+pair_many()
+prepared = compiled()
+for seed, (counts, outliers) in enumerate([((12,), 8), ((20, 20), 0), ((18, 14), 10), ((40,), 60), ((8, 6), 20)]):
+    ct, ots, _ = bodies(seed, counts, [60.0, 40.0][: len(counts)], outliers, 90.0)
+    for given in ({}, {"expected": counts[0]}, {"known_pairs": [(0, 0)]}):
+        match_points(ct, ots * [1, 1, -1], **given)
+        match_points(ct * [1, 0.02, 0.02], ots, **given)
+        match_points(ct, ots, **given)
+        match_points(ots, ct, sigma_ct_mm=0.3)
+print(json.dumps([prepared, compiled()]))
+"""
+)
+
+
 def test_after_prepare_a_place_for_the_robot_is_found_without_compiling() -> None:
     found = subprocess.run([sys.executable, "-c", PLACED], cwd=ROOT, capture_output=True, text=True, check=True)
     prepared, placed = json.loads(found.stdout)

@@ -11,8 +11,21 @@ from ronnaplan.correspondence.bodies import odds_by_size, odds_of_body_beside
 from ronnaplan.correspondence.chance import Claims
 from ronnaplan.correspondence.poses import Search, find_poses, refined_poses, weighed_with
 from ronnaplan.correspondence.rivals import LOG_ODDS_PER_PAIR
+from ronnaplan.correspondence.weighing import is_alike, left_by
 from tests.correspondence.scenes import SIGMA_CT, SIGMA_OTS, apart, ball, bodies, scene
 from tests.correspondence.test_poses import problem_of
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_point_that_the_best_pairing_claims_is_none_of_another_bodys(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    best, other = (np.where(rng.random(12) < 0.6, rng.permutation(15)[:12], -1) for _ in range(2))
+    claimed = set(best[best >= 0])
+    left = [-1 if best[i] >= 0 or j in claimed else j for i, j in enumerate(other)]
+    assert left_by(best, other).tolist() == left
+    agreeing = sum(i == j >= 0 for i, j in zip(best, other, strict=True))
+    assert is_alike(best, other) == (2 * agreeing > min(sum(best >= 0), sum(other >= 0)))
+    assert is_alike(best, best)
 
 
 @pytest.mark.parametrize(
