@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
     arm, of_arm = _arm(arguments, room)
     job, case, of_case = _job(arguments, arm, room)
     chain = _chain(arguments, case)
-    of_chain = chain.notes if chain is not None else ()
+    of_chain = (*chain.notes, *job.doubts_of(chain.pose)) if chain is not None else ()
     notes = tuple(dict.fromkeys((*of_arm, *of_case, *of_chain)))  # both tell of the registration's
     warn(*notes)
     found = _found(arguments, job, chain)

@@ -78,6 +78,12 @@ def test_a_place_is_found_and_checked_after_parking(
     assert unviewed.startswith("no markers are named, so that no view of any is looked for; give --fiducials")
     assert other == "readings without a partner: 2"
     np.testing.assert_allclose(measured.robot_from_ct[0].room_from_r, pose, atol=1e-6)
+    measured_to_mm = np.diag(np.repeat([1e-6, 11.0], 3) ** 2)
+    coarse = {**chain, "robot_from_ct": {**chain["robot_from_ct"], "covariance": measured_to_mm.tolist()}}
+    (tmp_path / "chain.json").write_text(json.dumps(coarse))
+    assert main([*case, "--chain", str(tmp_path / "chain.json"), "-o", str(output)]) == 0
+    told = "head and base were measured against each other with a standard error of 11.0 mm along the worst axis"
+    assert told in read_placement(output).notes[-1]
     turned = np.diag([1.0, -1, -1, 1]) @ np.array(found.robot_from_ct[0].r_from_ct)
     chain["robot_from_ct"]["matrix"] = turned.tolist()
     (tmp_path / "chain.json").write_text(json.dumps(chain))

@@ -23,6 +23,8 @@ TRACKER_APART_MM = 300.0
 """A tracker that was measured with a tape is nearer than this to where the registration puts it."""
 LARGEST_TILT_DEG = 10.0
 """Of a measured base: a trolley stands upright, and a head in its holder lies as told to within this."""
+SURE_SDS = 2.0
+"""Clearances hold where the measured base errs by less than they are, in so many standard deviations."""
 MARKER_RADIUS_MM = 6.0
 """Of a marker whose size nobody told."""
 
@@ -105,6 +107,26 @@ class Job:
                 "less: check the head's anterior and superior in the room, and that R's z axis points up"
             )
         return base
+
+    def doubts_of(self, robot_from_ct: Pose) -> tuple[str, ...]:
+        """Return why margins from where a robot was measured may not hold: two standard deviations are beyond them.
+
+        They are those of the head's middle in R, and of the base's in the scan, along the axis of the larger error.
+        """
+        head_mm = transform_points(invert(self.room_from_ct), np.array([self.room.head.center_mm]))
+        places = (
+            robot_from_ct.point_covariances(head_mm),
+            robot_from_ct.inverse().point_covariances(np.zeros((1, 3))),
+        )
+        off_mm = float(np.sqrt(max(np.linalg.eigvalsh(one[0])[-1] for one in places)))
+        asked_mm = self.room.margins.clearance_mm
+        if SURE_SDS * off_mm <= asked_mm:
+            return ()
+        return (
+            f"head and base were measured against each other with a standard error of {off_mm:.1f} mm along the worst "
+            f"axis, of which {SURE_SDS:g} are more than the {asked_mm:g} mm of clearance that are kept: what is told "
+            "from here may not hold; take the chain anew, and look at what each link adds",
+        )
 
     @property
     def doubts(self) -> tuple[str, ...]:
