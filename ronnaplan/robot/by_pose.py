@@ -1,14 +1,20 @@
 """Errors that depend on the robot's pose: joints whose zero is off, links that bend, a tracker that errs by place.
 
 No number of poses averages them out, and most of such an error looks like another pose of base or tool: little of it
-is left. So they are taken for a field over the poses, whose six components are linear in the numbers of the robot's
-pose, all of one variance. What is left tells how large that is, and what it does to the estimate follows. As every
-other kind of noise it is weighed by its restricted likelihood (`memory`).
+is left. So they are taken for a field over the poses, of which what is left tells how large it is; what it does to the
+estimate follows. As every other kind of noise a field is weighed by its restricted likelihood (`memory`). There are
+three:
+
+- of any cause: its six components are linear in the numbers of the robot's pose, all of one variance;
+- of an arm that bends, or whose lengths are off: in its upright plane, linear in how far out and how high it reaches.
+  That has few numbers, which tell sooner that there is something. How far such errors go is told by the first kind;
+- of a tracker whose distances are all wrong by one share (or of a robot's that are).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -22,39 +28,145 @@ SHARES = (1.0, 10.0, 100.0)
 ALIKE = 10.0
 """Variance of what is alike in all poses, in that of what differs: over a recording an arm's axes and reach, and the
 way to the tracker, change little."""
+ONE_CAUSE = 0.1
+"""So likely beforehand is each of the fields that have one cause, in parts of that which may have any."""
+LEAST_SPREAD = 0.01
+"""Places that lie nearer together, in parts of their distance from the tracker, tell nothing of its scale."""
 ROUNDS = 3
 """Each weighs rotations and places by the noise that the one before it tells."""
 LEAST_VARIANCE = 1e-12
 """Of the noise, in equations in which it is about one: of poses without any, round-off is left, of either sign."""
 
 
-def field(robot_from_m: FloatArray, robot_from_tcp: FloatArray, sds: FloatArray) -> FloatArray:
-    """Return (N, 6, 78): what the field's unknowns, each of about unit size, add to the poses of M, in its axes.
+class Cause(StrEnum):
+    """What makes poses err by where they are."""
 
-    They turn and shift the TCP (N, 4, 4) in R by ``sds`` (6,) for each number of its pose: for one, which is the same
-    in all (`ALIKE`), its place, in the usual distance from R's origin, as an arm errs by its reach, and its rotation.
+    ANY = "any"
+    BENDING = "an arm that bends"
+    SCALE = "a scale"
+
+
+class Weighed(NamedTuple):
+    """How likely a field is, and the estimate's covariance (p, p) with it."""
+
+    cause: Cause
+    log_weight: float
+    covariance: FloatArray
+    size: float
+    """Of the field's first unknown, in its units."""
+    size_variance: float
+
+
+class Suspicion(NamedTuple):
+    """How likely errors depend on the robot's pose at all, and because of a scale; by how much that stretches."""
+
+    of_any: float = 0.0
+    of_scale: float = 0.0
+    scale: float = 0.0
+    """In the unit of the column that `fields` has of it."""
+    scale_sd: float = 0.0
+
+
+UNSUSPECTED = Suspicion()
+
+
+def suspicion(likely: FloatArray, weighed: list[Weighed]) -> Suspicion:
+    """Return what fields tell that were ``weighed``, each ``likely`` (N,) beside all other kinds of noise."""
+    of_scale = np.array([one.cause is Cause.SCALE for one in weighed], dtype=bool)
+    share = float(likely[of_scale].sum())
+    if not share > 0:
+        return Suspicion(float(likely.sum()))
+    each = likely[of_scale] / share
+    sizes, variances = np.array([one[3:] for one in weighed if one.cause is Cause.SCALE]).T
+    size = float(each @ sizes)
+    return Suspicion(float(likely.sum()), share, size, float(np.sqrt(each @ (variances + (sizes - size) ** 2))))
+
+
+def fields(
+    ots_from_m: FloatArray, robot_from_m: FloatArray, robot_from_tcp: FloatArray, sds: FloatArray
+) -> dict[Cause, FloatArray]:
+    """Return (N, 6, s) for each cause: what the field's unknowns, each of about unit size, add to the poses of M.
+
+    Poses are (N, 4, 4); what is added is in M's axes, and in ``sds`` (6,) of its noise. That of a scale is what
+    one standard deviation of places, over `spread_mm`, adds where the tracker tells distances too long.
     """
     places = robot_from_tcp[:, :3, 3]
     usual = np.sqrt((places**2).sum(axis=1).mean())
-    rotations = robot_from_tcp[:, :3, :3].reshape(-1, 9)
     alike = np.full((len(places), 1), np.sqrt(ALIKE))
-    numbers = np.hstack([alike, places / usual, rotations / np.sqrt(3)]) / np.sqrt(3)
     to_m = robot_from_m[:, :3, :3].swapaxes(1, 2)
     moved = np.zeros((len(places), 6, 6))
     moved[:, :3, :3] = moved[:, 3:, 3:] = to_m
     moved[:, 3:, :3] = to_m @ cross_matrix(places - robot_from_m[:, :3, 3]) * (sds[0] / sds[3])
-    return np.asarray((moved[:, :, None, :] * numbers[:, None, :, None]).reshape(len(places), 6, -1))
+    of_any = np.hstack([alike, places / usual, robot_from_tcp[:, :3, :3].reshape(-1, 9) / np.sqrt(3)])
+    out = np.hypot(places[:, 0], places[:, 1])[:, None]
+    of_reach = np.hstack([alike, out / usual, places[:, 2:] / usual])
+    in_plane = moved @ _upright(places[:, :2] / np.maximum(out, np.finfo(float).tiny))
+    scaled = np.zeros((len(places), 6, 1))
+    away = np.einsum("nji,nj->ni", ots_from_m[:, :3, :3], ots_from_m[:, :3, 3])
+    scaled[:, 3:, 0] = -away / spread_mm(ots_from_m)
+    return {
+        Cause.ANY: _linear(moved, of_any / np.sqrt(3)),
+        Cause.BENDING: _linear(in_plane, of_reach / np.sqrt(3)),
+        Cause.SCALE: scaled,
+    }
+
+
+def spread_mm(poses: FloatArray) -> float:
+    """Return how far apart the places of ``poses`` (N, 4, 4) are, RMS, or `LEAST_SPREAD` if that is less."""
+    places = poses[:, :3, 3]
+    apart, away = (np.sqrt((one**2).sum(axis=1).mean()) for one in (places - places.mean(axis=0), places))
+    return float(max(apart, LEAST_SPREAD * away, np.finfo(float).tiny))
+
+
+def _upright(outwards: FloatArray) -> FloatArray:
+    """Return (N, 6, 3): a turn in the upright plane that holds ``outwards`` (N, 2), and shifts outwards and upwards."""
+    in_plane = np.zeros((len(outwards), 6, 3))
+    in_plane[:, 0, 0], in_plane[:, 1, 0] = -outwards[:, 1], outwards[:, 0]
+    in_plane[:, 3:5, 1] = outwards
+    in_plane[:, 5, 2] = 1
+    return in_plane
+
+
+def _linear(moved: FloatArray, numbers: FloatArray) -> FloatArray:
+    """Return (N, 6, m k): what ``moved`` (N, 6, m) is for each of ``numbers`` (N, k)."""
+    return np.asarray((moved[:, :, None, :] * numbers[:, None, :, None]).reshape(len(moved), 6, -1))
 
 
 def judged(
-    design: FloatArray, field: FloatArray, residual: FloatArray, known: FloatArray, count: int
-) -> Iterator[tuple[float, FloatArray]]:
-    """Return log weights of fields beside noise, white or as a filter leaves it, and the covariance of the score.
+    design: FloatArray,
+    fields: Mapping[Cause, FloatArray],
+    residual: FloatArray,
+    known: FloatArray,
+    bread: FloatArray,
+    count: int,
+) -> list[Weighed]:
+    """Return what ``fields`` (N, 6, s) are worth beside noise, white or as a filter leaves it.
 
     All is by frequency, of which the first ``count`` are judged: ``design`` (N, 6, p) of the unknowns, of which
-    ``known`` (p, p) is known beforehand, ``field`` (N, 6, s) and what is left, ``residual`` (N, 6). The score is the
-    design times the residual (p, p).
+    ``known`` (p, p) is known beforehand, and what is left, ``residual`` (N, 6). The covariance of the unknowns is
+    ``bread`` (p, p) for noise of unit variance.
     """
+    found = list(_of_cause(Cause.ANY, design, fields[Cause.ANY], residual, known, bread, count))
+    weights = np.array([one.log_weight for one in found])
+    weights = np.exp(weights - weights.max())
+    wide = np.einsum("m,mij->ij", weights / weights.sum(), np.array([one.covariance for one in found]))
+    for cause in (Cause.BENDING, Cause.SCALE):
+        for one in _of_cause(cause, design, fields[cause], residual, known, bread, count):
+            covariance = wide if cause is Cause.BENDING else one.covariance
+            found.append(one._replace(log_weight=one.log_weight + np.log(ONE_CAUSE), covariance=covariance))
+    return found
+
+
+def _of_cause(
+    cause: Cause,
+    design: FloatArray,
+    field: FloatArray,
+    residual: FloatArray,
+    known: FloatArray,
+    bread: FloatArray,
+    count: int,
+) -> Iterator[Weighed]:
+    """Yield what a ``field`` (N, 6, s) is worth in each of its variances, and beside each noise, as `judged` does."""
     constant = np.diag(known) == 0
     joined = np.concatenate([design[..., constant], field, residual[..., None]], axis=2)
     constants = int(constant.sum())
@@ -67,9 +179,16 @@ def judged(
         products = of_kinds.swapaxes(1, 2) @ of_kinds
         for share in SHARES:
             found = _judge(products, constants, residual[:count].size - constants, share)
-            scores = design * deviations * np.sqrt(found.noise)[:, None]
-            spread = np.einsum("kci,kcj->ij", scores, scores) + found.variance * carried @ carried.T
-            yield found.log_weight - volume - prior, spread + found.noise.mean() * known
+            if cause is Cause.SCALE:  # the one field that is all as it is modelled: what is left tells its size
+                covariance = np.zeros_like(known)
+                covariance[np.ix_(constant, constant)] = found.second_moment[:constants, :constants]
+            else:
+                scores = design * deviations * np.sqrt(found.noise)[:, None]
+                spread = np.einsum("kci,kcj->ij", scores, scores) + found.variance * carried @ carried.T
+                covariance = bread @ (spread + found.noise.mean() * known) @ bread
+            size = float(found.solution[constants])
+            size_variance = float(found.second_moment[constants, constants]) - size**2
+            yield Weighed(cause, found.log_weight - volume - prior, covariance, size, size_variance)
 
 
 class _Judged(NamedTuple):
@@ -79,6 +198,10 @@ class _Judged(NamedTuple):
     variance: float
     noise: FloatArray
     """(6,): variances of the noise."""
+    solution: FloatArray
+    """(p + s,): by how much the fit's constants are off, and the field's unknowns."""
+    second_moment: FloatArray
+    """(p + s, p + s), of what these may be."""
 
 
 def _judge(products: FloatArray, constants: int, freedom: int, share: float) -> _Judged:
@@ -104,4 +227,6 @@ def _judge(products: FloatArray, constants: int, freedom: int, share: float) -> 
         after /= np.sqrt(after.prod())
     volume = np.linalg.slogdet(normal)[1] + unknowns * np.log(share)
     log_weight = -0.5 * (freedom * np.log(misfit) + volume)
-    return _Judged(log_weight, share * misfit / freedom, np.repeat(of_kinds, 3) * misfit / freedom)
+    variance = misfit / freedom
+    second_moment = np.outer(solution, solution) + variance * np.linalg.inv(normal)
+    return _Judged(log_weight, share * variance, np.repeat(of_kinds, 3) * variance, left[:-1], second_moment)

@@ -29,7 +29,7 @@ from ronnaplan.pose import (
     point_jacobian,
     rigid,
 )
-from ronnaplan.robot.by_pose import field
+from ronnaplan.robot.by_pose import Cause, Suspicion, fields, spread_mm
 from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.hand_eye_found import HandEye
 from ronnaplan.robot.hand_eye_start import FINEST, closed_form, discrepancies, far_off, out_of_step, which_are_far
@@ -241,15 +241,16 @@ def _found(fit: _Fit, seen: FloatArray) -> HandEye:
     """Return what the poses tell, of which the tracker's were ``seen`` (N, 4, 4), with its covariance."""
     left, right = fit.left, fit.right
     robot_from_m = left @ seen
-    of_field = field(robot_from_m, robot_from_m @ right, fit.sds)
-    covariance, by_pose = _covariance(fit.design, fit.residual, seen, fit.step, of_field)  # on the right
+    of_fields = fields(seen, robot_from_m, robot_from_m @ right, fit.sds)
+    covariance, suspicion = _covariance(fit, seen, of_fields)  # on the right
+    unit = float(fit.sds[3]) / spread_mm(seen)
     return HandEye(
         Pose(right, carried(right, covariance[6:12, 6:12]), M, TCP),
         Pose(left, carried(left, covariance[:6, :6]), R, OTS),
         fit.rotation_rms_deg,
         fit.translation_rms_mm,
         float(np.sqrt(((fit.error @ point_jacobian(right[:3, 3]).T) ** 2).sum(axis=1).mean())),
-        by_pose,
+        suspicion._replace(scale=suspicion.scale * unit, scale_sd=suspicion.scale_sd * unit),
     )
 
 
@@ -282,16 +283,14 @@ def _turned(poses: FloatArray) -> FloatArray:
     return turned
 
 
-def _covariance(
-    design: FloatArray, residual: FloatArray, seen: FloatArray, estimate: FloatArray, of_field: FloatArray
-) -> tuple[FloatArray, float]:
+def _covariance(fit: _Fit, seen: FloatArray, of_fields: dict[Cause, FloatArray]) -> tuple[FloatArray, Suspicion]:
     """Return the covariance of the fit; noise and drift are in the tool's axes or in the tracker's.
 
-    With it comes how likely errors are that depend on the robot's pose, which add ``of_field`` (N, 6, s).
+    With it comes how likely errors are that depend on the robot's pose, which add ``of_fields`` (N, 6, s).
     """
     turned = _turned(seen)
     frames = [
-        Equations(design, residual, IN_TOOL, field=of_field),
-        Equations(turned @ design, (turned @ residual[..., None])[..., 0], IN_TRACKER),
+        Equations(fit.design, fit.residual, IN_TOOL, fields=of_fields),
+        Equations(turned @ fit.design, (turned @ fit.residual[..., None])[..., 0], IN_TRACKER),
     ]
-    return least_squares_covariance(frames, estimate, CONSTANTS)
+    return least_squares_covariance(frames, fit.step, CONSTANTS)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ronnaplan.pose import Pose
+from ronnaplan.robot.by_pose import UNSUSPECTED, Suspicion
 from ronnaplan.robot.hand_eye_step import Step
 
 SWAPPED = 1.5
@@ -26,8 +27,8 @@ class HandEye:
     """At M's origin."""
     tcp_rms_mm: float
     """What is left at the TCP."""
-    by_pose: float = 0.0
-    """How likely it is that the errors depend on the robot's pose (`by_pose`)."""
+    by_pose: Suspicion = UNSUSPECTED
+    """Whether the errors depend on the robot's pose (`by_pose`); its scale is a part of the tracker's distances."""
     far: tuple[int, ...] = ()
     """Which poses are far off what the others say (`hand_eye_start.far_off`), and were counted as they are."""
     out_of_step: bool = False
@@ -57,10 +58,18 @@ class HandEye:
                 "the poses of robot and tracker fit far better one apart, as if they were not of the same moments: "
                 "check how they are numbered and by how much either is late, or stand still for each"
             )
-        if self.by_pose > SURELY_BY_POSE:
+        if self.by_pose.of_scale > SURELY_BY_POSE:
+            longer = "too long" if self.by_pose.scale > 0 else "too short"
             told.append(
-                "the errors depend on the robot's pose, as where its joints' zeros or its tool's data are off or the "
-                "tracker's distances are wrong; no number of poses averages that out, and the stated errors count it: "
-                "check both and record anew"
+                f"the poses fit far better if the tracker's distances are {abs(self.by_pose.scale):.2%} {longer} "
+                f"(standard error {self.by_pose.scale_sd:.2%}), or the robot's as much the other way; no number of "
+                "poses averages that out, and the stated errors count it: check the tracker's calibration, its tool's "
+                "geometry and the robot's lengths and joints, and record anew"
+            )
+        elif self.by_pose.of_any > SURELY_BY_POSE:
+            told.append(
+                "the errors depend on the robot's pose, as where its joints' zeros or its tool's data are off, it "
+                "bends under its weight, or the tracker's distances are wrong; no number of poses averages that out, "
+                "and the stated errors count it: check these and record anew"
             )
         return tuple(told)

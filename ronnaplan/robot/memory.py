@@ -11,7 +11,7 @@ ones, where a tracker's filter hides the noise.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
@@ -20,7 +20,7 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot import by_pose
-from ronnaplan.robot.by_pose import LEAST_VARIANCE
+from ronnaplan.robot.by_pose import LEAST_VARIANCE, Cause, Suspicion
 from ronnaplan.robot.spectra import spectra
 
 DRIFT_SDS = 4.0
@@ -53,8 +53,8 @@ class Equations:
     """Which columns are a steady drift in these axes."""
     turning: FloatArray | None = None
     """(N, c, s): what noise in other axes, which turn against these, adds; of about unit size."""
-    field: FloatArray | None = None
-    """(N, 6, s): what errors that depend on the robot's pose add (`by_pose.field`), where the components are six."""
+    fields: Mapping[Cause, FloatArray] | None = None
+    """What errors that depend on the robot's pose add (`by_pose.fields`), where the components are six."""
 
 
 def least_squares(design: FloatArray, observed: FloatArray, constants: int) -> tuple[FloatArray, FloatArray]:
@@ -69,8 +69,8 @@ def least_squares(design: FloatArray, observed: FloatArray, constants: int) -> t
 
 def least_squares_covariance(
     frames: Sequence[Equations], estimate: FloatArray, constants: int
-) -> tuple[FloatArray, float]:
-    """Return the covariance (p, p) of the ``estimate`` (p,) of `least_squares`, and how likely a field is in it.
+) -> tuple[FloatArray, Suspicion]:
+    """Return the covariance (p, p) of the ``estimate`` (p,) of `least_squares`, and what fields are likely in it.
 
     ``frames`` are the same equations in one frame or more (of the tracker, of the tool). The noise is stationary in
     one of them, its components alike or not, it drifts steadily or not: each is a candidate, and the result is the
@@ -90,17 +90,19 @@ def least_squares_covariance(
                 likely = np.exp(judged.log_weights - top)
                 weights.append(top + np.log(likely.sum()) - 0.5 * parameters * np.log(count))  # Schwarz's penalty
                 covariances.append(candidate.covariance(shape, likely * judged.variances / likely.sum()))
-    noises = len(weights)
+    noises, fields = len(weights), []
     for frame in seen:
-        if frame.field is None:
+        if frame.fields is None:
             continue
         left = frame.residual - frame.design[..., constants:] @ estimate[constants:]
-        for weight, spread in by_pose.judged(frame.design, frame.field, left, frame.known, count):
-            weights.append(weight - 0.5 * np.log(count))  # one parameter: how large rotations are against places
-            covariances.append(frame.bread @ spread @ frame.bread)
+        fields += by_pose.judged(frame.design, frame.fields, left, frame.known, frame.bread, count)
+    # one parameter: how large rotations are against places
+    weights += [one.log_weight - 0.5 * np.log(count) for one in fields]
+    covariances += [one.covariance for one in fields]
     likely = np.exp(np.array(weights) - max(weights))
     likely /= likely.sum()
-    return np.einsum("m,mij->ij", likely, np.array(covariances)), float(likely[noises:].sum())
+    mean = np.einsum("m,mij->ij", likely, np.array(covariances))
+    return mean, by_pose.suspicion(likely[noises:], fields)
 
 
 def _drift_precision(design: FloatArray, constants: int) -> FloatArray:
@@ -130,7 +132,9 @@ class _Frequencies:
             waves = dct(np.eye(min(SLOW_HALF_WAVES, poses), poses), type=3, axis=1, norm="ortho")
             mixed = waves.T[:, None, :, None] * frame.turning[:, :, None]
             self.turning = dct(mixed.reshape(*frame.residual.shape, -1), axis=0, norm="ortho")
-        self.field = None if frame.field is None else dct(frame.field, axis=0, norm="ortho")
+        self.fields = None
+        if frame.fields is not None:
+            self.fields = {cause: dct(field, axis=0, norm="ortho") for cause, field in frame.fields.items()}
 
 
 class _Judged(NamedTuple):
