@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.case.expectation import expectation
+from ronnaplan.case.judgement import UNJUDGED, Judgement, Measured
 from ronnaplan.ct import CTVolume
 from ronnaplan.ct.progress import Progress
 from ronnaplan.documents.fiducials import FiducialsDocument
@@ -21,22 +22,19 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import (
     Head,
     Instrument,
-    Landmarks,
     Limits,
     Measures,
     Placement,
     Plan,
     Proposals,
     Trajectory,
-    Verdict,
     judge,
     measure,
     place_markers,
     propose,
 )
 from ronnaplan.planning.angles import RAS_IN_LPS
-from ronnaplan.planning.changes import unchanged
-from ronnaplan.planning.measures import spacings
+from ronnaplan.planning.apart import Apart, spacings
 from ronnaplan.planning.obstacles import Kind, Obstacle, Voxels, markers_on, metal
 from ronnaplan.planning.sites import PlacementRules, scalp_sites
 from ronnaplan.planning.uncertainty import Expectation
@@ -58,25 +56,6 @@ class Rules:
     sigma_ct_mm: float = SIGMA_CT_MM
     sigma_ots_mm: float = SIGMA_OTS_MM
     frame_axes: FloatArray = field(default_factory=lambda: RAS_IN_LPS)
-
-
-@dataclass(frozen=True, eq=False)
-class Judgement:
-    """Measures and verdicts of one trajectory; ``problem`` says why they are missing or not whole."""
-
-    measures: Measures | None = None
-    verdicts: tuple[Verdict, ...] = ()
-    problem: str = ""
-
-    @property
-    def broken(self) -> tuple[Verdict, ...]:
-        """The verdicts that do not pass."""
-        return tuple(verdict for verdict in self.verdicts if not verdict.passes)
-
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """Reasons to doubt the measures, one sentence each."""
-        return self.measures.doubts if self.measures else ()
 
 
 class Terrain:
@@ -115,7 +94,8 @@ class Surroundings:
         registration: RegistrationDocument | None = None,
     ) -> None:
         self.terrain, self.rules, self.fiducials, self.registration = terrain, rules, fiducials, registration
-        self._measured: dict[str, _Measured] = {}
+        self._measured: dict[str, Measured] = {}
+        self._apart = Apart()
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Go to another process without what can be found again there."""
@@ -129,9 +109,10 @@ class Surroundings:
         Where only limits are others, what was measured is held against them.
         """
         other = Surroundings(self.terrain, rules, fiducials, registration)
+        other._apart = self._apart
         if other._measures_as(self):
             kept = self._measured.copy()  # at once, for others may be measured in another thread
-            other._measured = {name: replace(one, judged=UNJUDGED) for name, one in kept.items()}
+            other._measured = {name: replace(one, glanced=UNJUDGED) for name, one in kept.items()}
         return other
 
     def _measures_as(self, other: Surroundings) -> bool:
@@ -176,21 +157,40 @@ class Surroundings:
 
     def judge(self, trajectory: Trajectory, plan: Plan, *, rough: bool = False) -> Judgement:
         """Measure ``trajectory`` and hold it against the limits; ``rough``: as quickly as it can be done."""
-        known = self._kept(trajectory, plan, rough)
-        beside, judged = known.judged
-        if beside is not plan:
-            judged = self._held_against_limits(known, plan)
-            known.judged = plan, judged  # at once, for others may be judged in another thread
+        return self._held_against_limits(self._kept(trajectory, plan, rough), plan.trajectories)
+
+    def glance(self, plan: Plan) -> tuple[Judgement | None, ...]:
+        """Judge all trajectories of a plan, in its order, each beside those only that come near; None: unmeasured.
+
+        What is broken, nearly broken and doubted is what `judge` finds, which takes and holds a hundred times as much
+        of a plan of hundreds.
+        """
+        near = self._apart.near(plan.trajectories, self.rules.limits.near_trajectory_mm)
+        found: list[Judgement | None] = []
+        for one, beside in zip(plan.trajectories, near, strict=True):
+            found.append(self._glanced(self._kept(one, plan, False), beside) if self.knows(one, plan) else None)
+        return tuple(found)
+
+    def _glanced(self, known: Measured, beside: tuple[Trajectory, ...]) -> Judgement:
+        last, judged = known.glanced
+        if last != beside:
+            judged = self._held_against_limits(known, beside)
+            known.glanced = beside, judged  # at once, for others may be judged in another thread
         return judged
 
-    def _held_against_limits(self, known: _Measured, plan: Plan) -> Judgement:
+    def _held_against_limits(self, known: Measured, beside: Sequence[Trajectory]) -> Judgement:
         if isinstance(known.result, RonnaplanError):
             return Judgement(problem=str(known.result))
-        measured = replace(known.result, spacings=spacings(known.trajectory, plan.trajectories))
+        measured = replace(known.result, spacings=spacings(known.trajectory, beside))
         try:
             return Judgement(measured, judge(measured, self.rules.limits))
         except RonnaplanError as error:  # a limit on what is not known here
             return Judgement(measured, problem=str(error))
+
+    def measures(self, trajectory: Trajectory, plan: Plan, *, rough: bool = False) -> Measures | None:
+        """Return what is measured of ``trajectory`` by itself, None where it cannot be."""
+        found = self._kept(trajectory, plan, rough).result
+        return None if isinstance(found, RonnaplanError) else found
 
     def knows(self, trajectory: Trajectory, plan: Plan, *, rough: bool = False) -> bool:
         """Whether to `judge` ``trajectory`` takes no long time, for it was measured as it is now."""
@@ -237,11 +237,11 @@ class Surroundings:
         entries = [one.entry_mm for one in plan.trajectories]
         return place_markers(scalp_sites(self.head), targets, count, stated, entries, progress=progress)
 
-    def _kept(self, trajectory: Trajectory, plan: Plan, rough: bool) -> _Measured:
+    def _kept(self, trajectory: Trajectory, plan: Plan, rough: bool) -> Measured:
         """Return what does not depend on the other trajectories, measured anew only if something else changed."""
         known = self._measured.get(trajectory.name)
         if known is None or not known.serves(trajectory, plan, rough):
-            known = _Measured(trajectory, plan.landmarks, rough, self._measure(trajectory, plan, rough))
+            known = Measured(trajectory, plan.landmarks, rough, self._measure(trajectory, plan, rough))
             self._measured[trajectory.name] = known
         known.trajectory, known.landmarks = trajectory, plan.landmarks  # the same, told by itself the next time
         return known
@@ -260,27 +260,6 @@ class Surroundings:
             )
         except RonnaplanError as error:
             return error
-
-
-UNJUDGED: tuple[Plan | None, Judgement] = (None, Judgement())
-"""Of what was measured and not held against limits yet."""
-
-
-@dataclass(eq=False)
-class _Measured:
-    """What was measured last of a trajectory, and of what; and how it was ``judged``, beside the others of a plan."""
-
-    trajectory: Trajectory
-    landmarks: Landmarks | None
-    rough: bool
-    result: Measures | RonnaplanError
-    judged: tuple[Plan | None, Judgement] = UNJUDGED
-
-    def serves(self, trajectory: Trajectory, plan: Plan, rough: bool) -> bool:
-        """Whether it still holds, and is fine enough."""
-        fine_enough = rough or not self.rough
-        same = unchanged(self.trajectory, trajectory) and unchanged(self.landmarks, plan.landmarks)
-        return fine_enough and same
 
 
 def scan_doubts(volume: CTVolume) -> tuple[str, ...]:

@@ -35,6 +35,8 @@ class Kept(Generic[Document]):
         """
         self.path, self._read, self._text, self._merge = path, read, text, merge
         self._stamp = _stamp(path)
+        self._written: tuple[bytes, Document] | None = None
+        """What was written here last, as the file has it."""
         self.content: Document | None = self._there()
 
     def write(self, mine: Document) -> Document:
@@ -86,6 +88,8 @@ class Kept(Generic[Document]):
             )
 
     def _there(self) -> Document | None:
+        if self._written is not None and _holds(self.path, self._written[0]):
+            return self._written[1]  # a plan of hundreds takes longer to read than to write
         try:
             is_there = self.path.exists()
         except OSError:  # who may not look it up does not know that there is none: to read it tells why
@@ -93,11 +97,13 @@ class Kept(Generic[Document]):
         return self._read(self.path) if is_there else None
 
     def _same(self, one: Document, other: Document | None) -> bool:
-        return other is not None and self._text(one) == self._text(other)
+        return one is other or (other is not None and self._text(one) == self._text(other))
 
     def _text_of(self, document: Document | None) -> str:
         assert document is not None
-        return self._text(document)
+        text = self._text(document)
+        self._written = text.encode(), document
+        return text
 
 
 def _stamp(path: Path) -> Stamp:
@@ -106,3 +112,11 @@ def _stamp(path: Path) -> Stamp:
     except OSError:
         return None
     return status.st_mtime_ns, status.st_size, status.st_ino
+
+
+def _holds(path: Path, content: bytes) -> bool:
+    """Whether there is a file that holds ``content`` and nothing else."""
+    try:
+        return path.is_file() and path.stat().st_size == len(content) and path.read_bytes() == content
+    except OSError:
+        return False

@@ -107,7 +107,7 @@ class HeadView:
             key, known = self._path_key(one), case.surroundings.knows(one, plan, rough=case.dragging)
             drawn = before.pop(one.name, None)
             if drawn not in ((key, True), (key, known)):
-                scene.show_path(one, case.judge(one).measures if known else None)
+                scene.show_path(one, case.surroundings.measures(one, plan, rough=case.dragging) if known else None)
                 drawn, changed = (key, known), True
             self._paths[one.name] = drawn
         for name in before:

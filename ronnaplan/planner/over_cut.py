@@ -12,36 +12,17 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.cuts import ACROSS
 from ronnaplan.planner.measuring import BESIDE_HALVES, drawn_rulers
 from ronnaplan.planner.panes import Pane
+from ronnaplan.planner.paths_in_cut import NEAR_MM, paths_in_cut
 from ronnaplan.planner.state import PlannerState
-from ronnaplan.planning import Trajectory
-from ronnaplan.planning.contacts import contact_ends_mm
 from ronnaplan.scene.cut import Cut, letters
 from ronnaplan.scene.things import MARKER_COLOUR, PROPOSED_COLOUR, REJECTED_COLOUR, TOOL_COLOUR
 from ronnaplan.text import isolated
 
 POINT_COLOUR, BEGUN_COLOUR = "#b2ff59", "#ffffff"
 
-NEAR_MM = 3.0
-"""What of a trajectory lies this near to the plane is drawn in full, the rest faintly and dashed."""
-
-TICK_MM, TICK_HALF_MM = 5.0, 0.8
-"""Depths from the target are marked so often; half the width of a mark, twice that where it is told."""
-
-TOLD_MM, LINE_PIXELS, NUMBER_PIXELS = (10, 20, 50, 100), 14.0, 26.0
-"""Depths are told as often as there is room: each takes so many pixels of a path upwards, and so many of one across."""
-
-BESIDE_PIXELS = 4.0
-"""From a mark to its depth."""
-
 ALONG_SLICES, ON_SLICE, WIDE_GAP = 0.9, 0.05, 1.5
 """A cut whose normal has this share of the slices' lies along them; so near to one, in gaps, it shows that one; a gap
 so many times the usual one lacks slices."""
-
-IN_PLANE = 1e-3
-"""A path whose direction has no larger share out of a plane lies along it."""
-
-LEAST_RISE_MM = 1e-6
-"""A line that rises less from the plane is parallel to it."""
 
 TITLES = {
     "inline": "in line with {}",
@@ -78,7 +59,7 @@ def over_cut(state: PlannerState, view: str, show_rejected: bool, pane: Pane) ->
     wide, high = (half * share for share in pane.halves)
     chosen = state.look.chosen.name if state.look.chosen else ""
     title = _title(state, view, cut, pane.room(1.0).shortened(chosen))
-    paths = [_path(one, cut, pane, one.name == state.look.selected) for one in state.case.plan.trajectories]
+    paths = paths_in_cut(state.case.plan.trajectories, cut, pane, state.look.selected)
     names = pane.names(half, title, (tick for one in paths for tick in one["ticks"] if tick["label"]))
     points = [one | {"r": half * BESIDE_HALVES} for one in _points(state, cut, (wide, high))]
     return {
@@ -208,78 +189,6 @@ def proposed(state: PlannerState) -> list[tuple[str, FloatArray]]:
     """Return number and entry (3,) of each path that is proposed."""
     found = state.offers.proposals
     return [(f"{n}", one.trajectory.entry_mm) for n, one in enumerate(found.best if found else (), start=1)]
-
-
-def _path(one: Trajectory, cut: Cut, pane: Pane, selected: bool) -> dict[str, Any]:
-    ends = cut.on_screen_mm(np.stack([one.entry_mm, one.target_mm]))
-    near = [bool(abs(away) < NEAR_MM) for away in ends[:, 2]]
-    places = {"entry": ends[0, :2].tolist(), "target": ends[1, :2].tolist(), "part": _near_part(ends)}
-    look = {
-        "selected": selected,
-        "near": near,
-        "width": 2.5 if selected else 1.5,
-        "thick": one.instrument.diameter_mm,
-        "contact": one.electrode.diameter_mm if one.electrode else 0,
-    }
-    return {
-        "name": one.name,
-        "colour": one.colour,
-        **look,
-        **places,
-        "ticks": _ticks(one, cut, pane) if selected else [],
-        "contacts": _contacts(one, cut) if one.electrode else [],
-    }
-
-
-def _contacts(one: Trajectory, cut: Cut) -> list[dict[str, Any]]:
-    """Return the ends (2, 2) on the screen of the electrode's contacts that lie near the plane, and their numbers."""
-    ends = cut.on_screen_mm(contact_ends_mm(one))
-    near = np.flatnonzero((np.abs(ends[..., 2]) < NEAR_MM).all(axis=1)).tolist()
-    return [{"number": n + 1, "ends": ends[n, :, :2].tolist()} for n in near]
-
-
-def _ticks(one: Trajectory, cut: Cut, pane: Pane) -> list[dict[str, Any]]:
-    """Return a mark across the path every `TICK_MM` from the target outwards, where the path lies in the plane.
-
-    Depths stand to the left of a path upwards, for names stand to the right, and below one across.
-    """
-    if abs(one.inward @ cut.away) > IN_PLANE:
-        return []
-    along = cut.on_screen_mm(cut.center_mm + one.inward)[:2]
-    side = TICK_HALF_MM * np.array([-along[1], along[0]])
-    pixel = pane.pixel(cut.field_mm / 2)
-    across = bool(abs(along[0]) > abs(along[1]))
-    room = pixel * (NUMBER_PIXELS if across else LINE_PIXELS)
-    told = next((mm for mm in TOLD_MM if mm >= room), TOLD_MM[-1])
-    away = pixel * np.array([0.0, LINE_PIXELS] if across else [-BESIDE_PIXELS, BESIDE_PIXELS])
-    marks = []
-    for depth in np.arange(TICK_MM, one.length_mm, TICK_MM):
-        middle = cut.on_screen_mm(one.target_mm - depth * one.inward)[:2]
-        labelled = round(depth) % told == 0
-        ends = sorted(
-            (middle + sign * (1 + labelled) * side for sign in (-1, 1)),
-            key=lambda end: -end[1] if across else end[0],
-        )
-        marks.append(
-            {
-                "ends": [end.tolist() for end in ends],
-                "label": f"{depth:.0f}" if labelled else "",
-                "at": (ends[0] + away).tolist(),
-                "anchor": "middle" if across else "end",
-            }
-        )
-    return marks
-
-
-def _near_part(ends: FloatArray) -> list[list[float]]:
-    """Return the ends (2, 2) on the screen of what lies near the plane of a line (2, 3); empty where nothing does."""
-    away, rise = float(ends[0, 2]), float(ends[1, 2] - ends[0, 2])
-    if abs(rise) < LEAST_RISE_MM:
-        shares = [0.0, 1.0] if abs(away) < NEAR_MM else []
-    else:
-        first, last = sorted(((-NEAR_MM - away) / rise, (NEAR_MM - away) / rise))
-        shares = [max(first, 0.0), min(last, 1.0)] if max(first, 0.0) < min(last, 1.0) else []
-    return [(ends[0, :2] + share * (ends[1, :2] - ends[0, :2])).tolist() for share in shares]
 
 
 def _pair(cut: Cut, place_mm: FloatArray) -> list[float]:

@@ -11,7 +11,7 @@ from ronnaplan.planner.measuring import BESIDE_HALVES, drawn_rulers
 from ronnaplan.planner.over_cut import BEGUN_COLOUR, NOTHING, POINT_COLOUR, balls, frame, proposed, titled
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.state import PlannerState
-from ronnaplan.planning import Trajectory
+from ronnaplan.planning.trajectory import ends_mm
 from ronnaplan.scene.camera import Camera
 from ronnaplan.scene.names import Names
 from ronnaplan.scene.things import PROPOSED_COLOUR, REJECTED_COLOUR, TOOL_COLOUR, spread_factor, spread_name
@@ -51,7 +51,7 @@ def over_head(
     points += [_point(camera, one.name, one.tip_mm, TOOL_COLOUR) for one in state.following.seen]
     title = wanting or _title(state, drawn_here=drawn_here)
     names = Names(pane.room(1.0, title))
-    paths = [_path(camera, one, state) for one in state.case.plan.trajectories]
+    paths = _paths(camera, state)
     points.append(_point(camera, "", state.look.crosshair_mm, CROSS_COLOUR))
     if state.look.begun_mm is not None:
         points.append(_point(camera, "entry", state.look.begun_mm, BEGUN_COLOUR))
@@ -102,17 +102,24 @@ def _point(camera: Camera, name: str, place_mm: FloatArray, colour: str) -> dict
     return {"label": name, "x": x, "y": y, "r": BESIDE_HALVES, "colour": colour}
 
 
-def _path(camera: Camera, one: Trajectory, state: PlannerState) -> dict[str, Any]:
-    """Return the ends of a trajectory, with a thin line: it and its tube are in the picture."""
-    ends = camera.on_screen(np.stack([one.entry_mm, one.target_mm]))
-    both = ends[:, :2].tolist()
-    places = {"entry": both[0], "target": both[1], "part": both if (ends[:, 2] >= LEAST_DEPTH_MM).all() else []}
-    look = {
-        "near": (ends[:, 2] >= LEAST_DEPTH_MM).tolist(),
-        "selected": one.name == state.look.selected,
-        "width": 1,
-        "thick": 0,
-        "ticks": [],
-        "contacts": [],
-    }
-    return {"name": one.name, "colour": one.colour, **look, **places}
+def _paths(camera: Camera, state: PlannerState) -> list[dict[str, Any]]:
+    """Return the ends of each trajectory, with a thin line: it and its tube are in the picture."""
+    those = state.case.plan.trajectories
+    seen = camera.on_screen(ends_mm(those))  # of all at once: a plan may hold hundreds
+    before = seen[..., 2] >= LEAST_DEPTH_MM
+    return [
+        {
+            "name": one.name,
+            "colour": one.colour,
+            "near": near,
+            "selected": one.name == state.look.selected,
+            "width": 1,
+            "thick": 0,
+            "ticks": [],
+            "contacts": [],
+            "entry": both[0],
+            "target": both[1],
+            "part": both if all(near) else [],
+        }
+        for one, both, near in zip(those, seen[..., :2].tolist(), before.tolist(), strict=True)
+    ]

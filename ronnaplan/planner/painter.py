@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.case.surroundings import Judgement
+from ronnaplan.case.judgement import Judgement
 from ronnaplan.errors import UsageError
 from ronnaplan.planner import panels
 from ronnaplan.planner.arguments import Pixels

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ronnaplan.case.judgement import Judgement
 from ronnaplan.case.placed import placement_doubts
-from ronnaplan.case.surroundings import Judgement
 from ronnaplan.documents.registration import LabelPair, RegistrationDocument
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.following import told
@@ -62,7 +62,7 @@ def rejected_rows(state: PlannerState) -> list[dict[str, Any]]:
 
 def path_rows(state: PlannerState) -> list[dict[str, Any]]:
     """Return one row a trajectory; its verdict is empty until it was measured, and while it is dragged."""
-    around, plan = state.case.surroundings, state.case.plan
+    plan = state.case.plan
     return [
         {
             "name": one.name,
@@ -71,9 +71,9 @@ def path_rows(state: PlannerState) -> list[dict[str, Any]]:
             "locked": one.locked,
             "selected": one.name == state.look.selected,
             "length": f"{one.length_mm:.1f}",
-            "verdict": _in_a_word(around.judge(one, plan)) if around.knows(one, plan) else ("", ""),
+            "verdict": ("", "") if judged is None else _in_a_word(judged),
         }
-        for one in plan.trajectories
+        for one, judged in zip(plan.trajectories, state.case.surroundings.glance(plan), strict=True)
     ]
 
 

@@ -43,6 +43,11 @@ class Limits:
         }[kind]
         return least or 0.0
 
+    @property
+    def near_trajectory_mm(self) -> float:
+        """A trajectory no nearer than this to another one keeps their limit, and by more than `is_near` doubts."""
+        return (1.0 + NEAR_SHARE) * (self.least_trajectory_distance_mm or 0.0)
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -99,11 +104,10 @@ def _distances(measured: Measures, limits: Limits) -> Iterator[Verdict]:
     for number, one in nearest_contacts(measured.contacts).values():
         yield _kept(name, f"contacts to {one.name}", one, limits, f"contact {number}{_sure(one)}")
     least_apart = limits.least_trajectory_distance_mm or 0.0
-    for other in measured.spacings:
+    for called, other in measured.named_spacings:
         passes = other.clearance_mm >= least_apart and other.clearance_mm > 0
         remark = f"at depth {other.depth_mm:.1f} mm"
-        what = f"distance to {measured.called(other)}"
-        yield Verdict(name, what, other.clearance_mm, "mm", least_apart, passes, remark)
+        yield Verdict(name, f"distance to {called}", other.clearance_mm, "mm", least_apart, passes, remark)
 
 
 def _kept(name: str, what: str, one: Clearance, limits: Limits, remark: str) -> Verdict:

@@ -10,12 +10,12 @@ import numpy as np
 from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning.angles import RAS_IN_LPS, AcPcAngles, ArcAngles, acpc_angles, arc_angles
+from ronnaplan.planning.apart import Spacing, spacings
 from ronnaplan.planning.contacts import ContactMeasures, measure_contacts
 from ronnaplan.planning.crossings import Crossings, find_crossings
 from ronnaplan.planning.head import SKIN_HU, Head
 from ronnaplan.planning.landmarks import Landmarks
 from ronnaplan.planning.obstacles import Clearance, Obstacle
-from ronnaplan.planning.segments import segment_distances
 from ronnaplan.planning.sides import side_doubt
 from ronnaplan.planning.surface import Surface
 from ronnaplan.planning.trajectory import Trajectory
@@ -30,16 +30,6 @@ DEEPEST_ENTRY_MM = 12.0
 above it is not judged: it was clicked or typed in the brain. An entry is clicked onto the scalp from as far."""
 
 PROFILE_STEP_MM = 0.5
-
-
-@dataclass(frozen=True)
-class Spacing:
-    """Least distance of a trajectory to another one: between axes, and between the instruments' surfaces."""
-
-    other: str
-    distance_mm: float
-    clearance_mm: float
-    depth_mm: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,10 +103,12 @@ class Measures:
         ends = (entry_doubt(self.trajectory, self.crossings), self.side_doubt)
         return (*(one for one in ends if one is not None), *unclear, *self._contact_doubts())
 
-    def called(self, beside: Spacing) -> str:
-        """Return what another trajectory is called among all that is kept away from: a marker may have its name."""
+    @property
+    def named_spacings(self) -> Iterator[tuple[str, Spacing]]:
+        """Other trajectories by what they are called among all that is kept away from: a marker may have that name."""
         taken = {as_read(one.name) for one in self.clearances}
-        return f"trajectory {beside.other}" if as_read(beside.other) in taken else beside.other
+        for beside in self.spacings:
+            yield f"trajectory {beside.other}" if as_read(beside.other) in taken else beside.other, beside
 
     def _contact_doubts(self) -> Iterator[str]:
         electrode, instrument = self.trajectory.electrode, self.trajectory.instrument
@@ -219,22 +211,6 @@ def entry_doubt(trajectory: Trajectory, crossings: Crossings) -> str | None:
         f"the entry lies {below_mm:.0f} mm beneath the scalp, and the way through there is not judged; "
         "move it onto the scalp"
     )
-
-
-def spacings(trajectory: Trajectory, others: Sequence[Trajectory]) -> tuple[Spacing, ...]:
-    """Return how near ``trajectory`` comes to each of ``others``, itself left out by name."""
-    beside = [one for one in others if one.name != trajectory.name]
-    for one in beside:
-        trajectory.frame.require(one.frame)
-    distances, shares = segment_distances(  # of all at once: a plan may hold hundreds
-        trajectory.entry_mm,
-        trajectory.target_mm,
-        np.array([one.entry_mm for one in beside]).reshape(-1, 3),
-        np.array([one.target_mm for one in beside]).reshape(-1, 3),
-    )
-    clearances = distances - trajectory.instrument.radius_mm - [one.instrument.radius_mm for one in beside]
-    found = (distances, clearances, shares * trajectory.length_mm)
-    return tuple(map(Spacing, (one.name for one in beside), *(values.tolist() for values in found)))
 
 
 def _angle_deg(surface: Surface | None, inward: FloatArray) -> float | None:

@@ -84,8 +84,8 @@ def distance_rows(one: Measures) -> Rows:
         for near in one.clearances
     ]
     return rows + [
-        (f"distance to {one.called(near)}", f"{near.clearance_mm:.2f} mm at depth {near.depth_mm:.1f} mm")
-        for near in one.spacings
+        (f"distance to {called}", f"{near.clearance_mm:.2f} mm at depth {near.depth_mm:.1f} mm")
+        for called, near in one.named_spacings
     ]
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -117,15 +119,16 @@ class Trajectory:
         if self.colour and not COLOUR.fullmatch(self.colour):
             raise InputError(f"colour {self.colour!r} of {self.name} is not of the form #rrggbb (lower case)")
 
-    @property
+    @cached_property
     def length_mm(self) -> float:
         """Distance from entry to target."""
         return float(np.linalg.norm(self.target_mm - self.entry_mm))
 
-    @property
+    @cached_property
     def inward(self) -> FloatArray:
         """Unit vector (3,) from entry to target."""
         direction: FloatArray = (self.target_mm - self.entry_mm) / self.length_mm
+        direction.setflags(write=False)
         return direction
 
     @property
@@ -139,3 +142,8 @@ class Trajectory:
         """Return the points (..., 3) at ``depths_mm`` (...) from the entry towards the target."""
         places: FloatArray = self.entry_mm + np.asarray(depths_mm)[..., np.newaxis] * self.inward
         return places
+
+
+def ends_mm(those: Sequence[Trajectory]) -> FloatArray:
+    """Return entry and target (N, 2, 3) of trajectories, LPS mm."""
+    return np.array([(one.entry_mm, one.target_mm) for one in those], dtype=np.float64).reshape(-1, 2, 3)

@@ -7,7 +7,7 @@ import io
 from collections.abc import Iterator
 
 from ronnaplan.case.folder import Case
-from ronnaplan.case.surroundings import Judgement
+from ronnaplan.case.judgement import Judgement
 from ronnaplan.errors import InputError
 from ronnaplan.planning import Measures
 from ronnaplan.planning.rows import errors_by_basis, verdict_sentence

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ronnaplan.case.folder import Case
-from ronnaplan.case.surroundings import Judgement
+from ronnaplan.case.judgement import Judgement
 from ronnaplan.planning import Measures, Trajectory
 from ronnaplan.planning.rows import errors_by_basis, frame_sentence, number
 from ronnaplan.report.html import element, picture, table

@@ -6,6 +6,7 @@ there, too.
 
 from __future__ import annotations
 
+import math
 import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -87,7 +88,10 @@ class Names:
 
     def __init__(self, room: Room, taken: Iterable[Box] = ()) -> None:
         self.room = room
-        self._taken = list(taken)
+        self._taken: dict[int, list[Box]] = {}
+        """By the lines of text that they reach into: of hundreds of names few are in a line."""
+        for box in taken:
+            self._take(box)
 
     def of_all(
         self,
@@ -125,18 +129,29 @@ class Names:
         a place outside the picture is not written: what of it would be seen could be read as another name.
         """
         room = self.room
-        text = room.shortened(name)
-        if not (text and abs(x) < room.wide and abs(y) < room.high):
+        text = room.shortened(name) if abs(x) < room.wide and abs(y) < room.high else ""
+        if not text:
             return {"x": x + gap, "y": y - gap, "anchor": "start", "text": ""}
-        anchor, across, left = _across(x, room.length(text), gap, room.wide)
-        lines = [max(y - gap, room.highest) + n * LINE_EM * room.em for n in LINES]
-        boxes = {down: room.box(text, left, down) for down in lines if room.highest <= down <= room.high}
-        free = (down for down, box in boxes.items() if not _covers(box, self._taken))
-        down = next(free, None)
-        if down is None:
-            return {"x": across, "y": lines[0], "anchor": anchor, "text": ""}
-        self._taken.append(boxes[down])
-        return {"x": across, "y": down, "anchor": anchor, "text": text}
+        length = room.length(text)
+        anchor, across, left = _across(x, length, gap, room.wide)
+        highest = max(y - gap, room.highest)
+        for n in LINES:
+            down = highest + n * LINE_EM * room.em
+            box = (left, down - room.em, left + length, down)
+            if room.highest <= down <= room.high and not self._is_taken(box):
+                self._take(box)
+                return {"x": across, "y": down, "anchor": anchor, "text": text}
+        return {"x": across, "y": highest, "anchor": anchor, "text": ""}
+
+    def _take(self, box: Box) -> None:
+        for line in self._lines(box):
+            self._taken.setdefault(line, []).append(box)
+
+    def _is_taken(self, box: Box) -> bool:
+        return any(_covers(box, other) for line in self._lines(box) for other in self._taken.get(line, ()))
+
+    def _lines(self, box: Box) -> range:
+        return range(math.floor(box[1] / self.room.em), math.floor(box[3] / self.room.em) + 1)
 
 
 @lru_cache(KNOWN_NAMES)
@@ -157,7 +172,5 @@ def _across(x: float, length: float, gap: float, wide: float) -> tuple[str, floa
     return "start", left, left
 
 
-def _covers(one: Box, others: Sequence[Box]) -> bool:
-    return any(
-        one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3] for other in others
-    )
+def _covers(one: Box, other: Box) -> bool:
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.scene.camera import FURTHEST_MM, Camera
+from ronnaplan.scene.shapes import joined
 from ronnaplan.scene.things import Thing
 from ronnaplan.scene.vtk import Arrays, NoGraphicsError, Workshop
 
@@ -52,6 +54,7 @@ def filled_in(
 ) -> Shades:
     """Return the picture that OpenCV makes; what is seen through is laid over all else, in the order given.
 
+    Of things in turn that are seen through alike, as the tubes of many trajectories, the nearest is laid over all else.
     With a ``background`` (3,), 0 to 1, nothing of the picture is clear.
     """
     import cv2
@@ -60,16 +63,24 @@ def filled_in(
     picture[:] = 0.0 if background is None else background
     depths = camera.depths(shape)
     shown = np.zeros(shape, dtype=np.bool_)
-    for one in sorted(things, key=lambda thing: thing.opacity < 1.0):
-        if one.opacity == 1.0:
-            camera.draw(one.body, one.colour, picture, depths)
+    in_order = sorted(things, key=lambda thing: thing.opacity < 1.0)
+    for (opacity, screen), those in groupby(in_order, key=lambda thing: (thing.opacity, thing.screen)):
+        alike = list(those)
+        body, colours = joined([one.body for one in alike]), np.concatenate([_colours(one) for one in alike])
+        if opacity == 1.0:
+            camera.draw(body, colours, picture, depths)
             continue
         veil, nearer = picture.copy(), depths.copy()
-        camera.draw(one.body, one.colour, veil, nearer)
+        camera.draw(body, colours, veil, nearer)
         shown |= depths < EMPTY_MM
-        if one.screen:
+        if screen:
             cv2.copyTo(veil, (~shown).astype(np.uint8), picture)
-        cv2.addWeighted(veil, one.opacity, picture, 1.0 - one.opacity, 0.0, dst=picture)
+        cv2.addWeighted(veil, opacity, picture, 1.0 - opacity, 0.0, dst=picture)
         shown |= nearer < depths
     shown |= (depths < EMPTY_MM) | (background is not None)
     return np.dstack([cv2.convertScaleAbs(picture, alpha=255.0), shown.astype(np.uint8) * np.uint8(255)])
+
+
+def _colours(one: Thing) -> FloatArray:
+    """Return a colour (V, 3) for each vertex of a thing."""
+    return np.broadcast_to(one.colour, one.body.vertices_mm.shape)

@@ -12,7 +12,8 @@ import numpy as np
 
 from ronnaplan.case.edits import OpenCase
 from ronnaplan.case.folder import CaseFiles
-from ronnaplan.case.surroundings import Judgement, Rules, Surroundings
+from ronnaplan.case.judgement import Judgement
+from ronnaplan.case.surroundings import Rules, Surroundings
 from ronnaplan.documents.fiducials import read_fiducials
 from ronnaplan.documents.limits import read_limits
 from ronnaplan.documents.plan import change_plan, read_plan
@@ -22,6 +23,7 @@ from ronnaplan.documents.registration import read_registration
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import INSTRUMENTS, Landmarks, Plan
 from ronnaplan.planning.electrodes import ELECTRODES
+from ronnaplan.planning.limits import is_near
 from tests import cases
 
 SEED, CHANGES = 20261127, 40
@@ -88,12 +90,18 @@ def told(judged: Judgement, plan: Plan) -> str:
     return f"{measures_document(plan, measured, judged.verdicts)}{judged.problem}{judged.doubts}"
 
 
+def in_brief(judged: Judgement) -> tuple[object, ...]:
+    """What a list says of a trajectory."""
+    near = [verdict for verdict in judged.verdicts if is_near(verdict)]
+    return judged.broken, near, judged.doubts, judged.problem
+
+
 def test_what_is_kept_after_other_hands_changes_is_what_would_be_judged_anew(tmp_path: Path) -> None:
     hand = OtherHand(cases.write_case(tmp_path))
     hand.limits()
     files = replace(CaseFiles.of_folder(tmp_path), limits=tmp_path / "limits.json")
     case = OpenCase(cases.volume(), files)
-    kept = 0
+    kept = glances = 0
     for number in range(CHANGES):
         hand.random.choice(np.array(hand.changes, dtype=object))()
         case.look_again()
@@ -101,6 +109,11 @@ def test_what_is_kept_after_other_hands_changes_is_what_would_be_judged_anew(tmp
         rules, theirs = Rules(read_limits(tmp_path / "limits.json")), read_plan(tmp_path / "plan.json")
         documents = read_fiducials(files.fiducials), read_registration(files.registration)  # type: ignore[arg-type]
         anew = Surroundings(case.surroundings.terrain, rules, *documents)
-        for mine, one in zip(case.plan.trajectories, theirs.trajectories, strict=True):
+        glanced = case.surroundings.glance(case.plan)
+        for mine, one, glance in zip(case.plan.trajectories, theirs.trajectories, glanced, strict=True):
             assert told(case.judge(mine), case.plan) == told(anew.judge(one, theirs), theirs), (SEED, number)
+            if glance is not None:
+                assert in_brief(glance) == in_brief(case.judge(mine)), (SEED, number)
+                glances += 1
     assert kept > CHANGES  # of three a change
+    assert glances == kept

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from ronnaplan.case.expectation import expectation
-from ronnaplan.case.surroundings import Judgement, Rules, Surroundings, Terrain
+from ronnaplan.case.judgement import Judgement
+from ronnaplan.case.surroundings import Rules, Surroundings, Terrain
 from ronnaplan.documents.plan import read_plan, write_plan
 from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.documents.registration_made import registration_document
 from ronnaplan.geometry import Points
-from ronnaplan.planning import Landmarks, Limits, Trajectory, measure
+from ronnaplan.planning import Landmarks, Limits, Measures, Plan, Trajectory, Verdict, judge, measure
+from ronnaplan.planning.limits import is_near
 from ronnaplan.planning.obstacles import Clearance
 from ronnaplan.registration.marker_registration import register_markers
 from tests import cases
@@ -75,6 +77,65 @@ def test_what_is_read_anew_or_held_against_other_limits_is_measured_only_where_i
     for rules, markers in others:
         anew = stricter.with_documents(rules, markers, None)
         assert not any(anew.knows(one, theirs) for one in theirs.trajectories)
+
+
+def test_a_glance_after_a_change_judges_only_what_changed_and_what_is_near_to_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The list of a plan of hundreds is to follow every change at once."""
+    around = Surroundings(Terrain(cases.volume()), Rules(Limits(least_trajectory_distance_mm=2.0)))
+    plan = cases.plan()
+    for name, shift in (("beside", 6.0), ("far", -12.0), ("farther", -20.0)):
+        off = np.array([shift, 0.0, 0.0])
+        plan = plan.add(Trajectory(name, cases.ENTRY_MM + off, cases.TARGET_MM + off, plan.frame))
+    assert around.glance(plan) == (None,) * 4
+    around.judge_all(plan)
+
+    def said(plan: Plan) -> list[int]:
+        judged.clear()
+        return [len(one.broken) for one in around.glance(plan) if one is not None]
+
+    def counted(one: Measures, limits: Limits) -> tuple[Verdict, ...]:
+        judged.append(one.trajectory.name)
+        return judge(one, limits)
+
+    judged = list[str]()
+    monkeypatch.setattr("ronnaplan.case.surroundings.judge", counted)
+    clear = said(plan)
+    assert judged == ["left", "beside", "far", "farther"]
+    assert said(plan) == clear
+    assert judged == []
+    nearer = np.array([1.0, 0.0, 0.0])
+    moved = plan.edit("beside", entry_mm=cases.ENTRY_MM + nearer, target_mm=cases.TARGET_MM + nearer)
+    around.judge_all(moved)
+    met = said(moved)
+    assert judged == ["left", "beside"]
+    assert [now - then for now, then in zip(met, clear, strict=True)] == [1, 1, 0, 0]
+    assert said(moved.edit("beside", name="called otherwise")) == [met[0], *met[2:]]
+    assert judged == ["left"]
+
+
+def test_a_glance_finds_what_a_limit_between_trajectories_is_broken_or_nearly_broken_by() -> None:
+    """Where others stand beside a trajectory from where their limit is broken to beyond where it is near."""
+    around, plan = (
+        Surroundings(Terrain(cases.volume()), Rules(Limits(least_trajectory_distance_mm=2.0))),
+        cases.plan(),
+    )
+    (path,) = plan.trajectories
+    aside = np.cross(path.inward, [0.0, 0.0, 1.0])
+    for n, clearance_mm in enumerate((-0.5, 0.1, 1.9, 2.1, 2.19, 2.21, 6.0)):
+        off = aside / np.linalg.norm(aside) * (clearance_mm + path.instrument.diameter_mm) * (-1) ** n
+        plan = plan.add(Trajectory(f"{n}", path.entry_mm + off, path.target_mm + off, plan.frame))
+    (judged, *_), (glanced, *_) = around.judge_all(plan), around.glance(plan)
+    assert glanced is not None
+    assert [one.measure for one in judged.broken] == ["distance to 0", "distance to 1", "distance to 2"]
+    for others in ("broken", "near"):
+        by_each = [
+            [one for one in found.verdicts if (is_near(one) if others == "near" else not one.passes)]
+            for found in (judged, glanced)
+        ]
+        assert by_each[0] == by_each[1] != []
+    assert len(glanced.verdicts) < len(judged.verdicts)
 
 
 def test_limits_may_change_while_another_thread_measures(monkeypatch: pytest.MonkeyPatch) -> None:

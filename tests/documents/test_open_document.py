@@ -129,3 +129,23 @@ def test_a_document_that_was_damaged_is_told_once_and_not_written_over(path: Pat
     with pytest.raises(InputError, match="not a JSON document"):
         one.write([1, 3])
     assert path.read_text() == "[1, 2"
+
+
+def test_what_was_written_here_is_not_read_again_but_what_another_hand_put_there_is(path: Path) -> None:
+    """To read a plan of hundreds at every change would take longer than to write it."""
+    reads = list[Path]()
+
+    def read(path: Path) -> list[int]:
+        reads.append(path)
+        return list(read_json(path))
+
+    one = Kept(path, read, str)
+    one.write([1, 2])
+    reads.clear()
+    one.write([1, 2, 3])
+    assert not one.look_again()
+    assert not reads
+    for theirs in ([7], [1, 2, 3], [8]):  # also back to what was written here
+        write_atomically(path, str(theirs))
+        assert one.look_again()
+        assert one.content == theirs

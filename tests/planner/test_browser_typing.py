@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ronnaplan.case.surroundings import Judgement
+from ronnaplan.case.judgement import Judgement
 from ronnaplan.documents.plan import change_plan, read_plan
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.planner.actions import Actions

@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ronnaplan.case.surroundings import Judgement, Rules
+from ronnaplan.case.judgement import Judgement
+from ronnaplan.case.surroundings import Rules
 from ronnaplan.documents.plan import read_plan, write_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import FrameMismatchError, InputError, RefusedError, UsageError

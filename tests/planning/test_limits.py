@@ -10,8 +10,8 @@ import pytest
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import Frame
 from ronnaplan.planning import Instrument, Limits, Measures, Trajectory, judge, measure
+from ronnaplan.planning.apart import Spacing
 from ronnaplan.planning.limits import Verdict, is_near
-from ronnaplan.planning.measures import Spacing
 from ronnaplan.planning.obstacles import Clearance, Kind
 from ronnaplan.planning.rows import distance_rows
 from ronnaplan.planning.uncertainty import Basis, ExpectedPose, path_error

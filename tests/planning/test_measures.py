@@ -12,7 +12,8 @@ from phantoms.materials import material
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.planning import Instrument, Landmarks, Trajectory, measure
-from ronnaplan.planning.measures import DEEPEST_ENTRY_MM, spacings
+from ronnaplan.planning.apart import spacings
+from ronnaplan.planning.measures import DEEPEST_ENTRY_MM
 from ronnaplan.planning.obstacles import POST_RADIUS_MM, Kind, PostedMarker, Voxels, markers_on, metal
 from tests.planning.heads import BRAIN, FOOT, SCALP, SKULL, STACKS, normal, paths, reach, scanned
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from ronnaplan.scene.camera import VIEW_DEG
 from ronnaplan.scene.field import Field
 from ronnaplan.scene.picture import filled_in, rendered
 from ronnaplan.scene.portrait import filling, head_picture
-from ronnaplan.scene.shapes import ball
+from ronnaplan.scene.shapes import ball, tube
 from ronnaplan.scene.things import Thing
 from ronnaplan.scene.vtk import NoGraphicsError, Workshop
 from tests.scans import balls, scan, small_stack
@@ -85,3 +87,26 @@ def test_a_screen_is_whole_but_for_where_something_lies_behind_it() -> None:
     assert shades[50, 50, 0] < 0.6 * alone[50, 50, 0]
     assert shades[50, 50, 2] > 100
     assert (shades[50, 75] == alone[50, 75]).all()
+
+
+def test_many_things_alike_are_drawn_at_once_as_they_look_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A plan of 300 trajectories has 300 tubes; a picture was copied for each."""
+    import cv2
+
+    those = []
+    for number in range(6):
+        ends_mm = np.array([[14.0 * number, -9.0, 0.0], [14.0 * number, 9.0, 5.0]])
+        those.append(Thing(f"path {number}", tube(ends_mm, 1.0), np.eye(3)[number % 3]))
+        those.append(Thing(f"tube {number}", tube(ends_mm, 2.5), np.eye(3)[number % 3], 0.3))
+    camera, drawn = filling(those), list[int]()
+    each = [filled_in(those[n : n + 2], camera, SHAPE, np.zeros(3)) for n in range(0, len(those), 2)]
+    rasterize = cv2.triangleRasterize
+
+    def counted(*given: Any) -> Any:
+        drawn.append(given[1].shape[1])
+        return rasterize(*given)
+
+    monkeypatch.setattr(cv2, "triangleRasterize", counted)
+    together = filled_in(those, camera, SHAPE, np.zeros(3))
+    assert len(drawn) == 2
+    np.testing.assert_array_equal(together, np.max(each, axis=0))  # none stands before another
