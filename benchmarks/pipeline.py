@@ -11,11 +11,12 @@ the memory's speed, measured in the same run.
 from __future__ import annotations
 
 import argparse
+import math
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +38,7 @@ from ronnaplan.localization.search.look import surface_shares
 from ronnaplan.localization.size import common_diameter
 from ronnaplan.report.tables import align
 
-REPEATS = 5
+REPEATS = 9
 
 TOP_MM = 117.0
 """Height of the uppermost slice."""
@@ -90,14 +91,16 @@ def measure(folder: Path, diameter_mm: float) -> None:
     found = localize(volume, diameter_mm=diameter_mm)
     print(f"{volume.voxels_hu.shape} voxels, {len(found)} markers of {diameter_mm:g} mm found")
     two = (diameter_mm, 11.5 if diameter_mm != 11.5 else 8.0)
-    times = {
-        "SimpleITK: list and read": best(lambda: read_with_simpleitk(folder)),
-        "ronnaplan: read": best(lambda: read_ct(folder)),
-        "ronnaplan: localize": best(lambda: localize(volume, diameter_mm=diameter_mm)),
-        "ronnaplan: read + localize": best(lambda: localize(read_ct(folder), diameter_mm=diameter_mm)),
-        f"the same, {two[0]:g} and {two[1]:g} mm": best(lambda: localize(read_ct(folder), diameter_mm=two)),
-        "the same, --diameter auto": best(lambda: localize_any(read_ct(folder))),
-    }
+    times = best_of_each(
+        {
+            "SimpleITK: list and read": lambda: read_with_simpleitk(folder),
+            "ronnaplan: read": lambda: read_ct(folder),
+            "ronnaplan: localize": lambda: localize(volume, diameter_mm=diameter_mm),
+            "ronnaplan: read + localize": lambda: localize(read_ct(folder), diameter_mm=diameter_mm),
+            f"the same, {two[0]:g} and {two[1]:g} mm": lambda: localize(read_ct(folder), diameter_mm=two),
+            "the same, --diameter auto": lambda: localize_any(read_ct(folder)),
+        }
+    )
     reference = times["SimpleITK: list and read"]
     rows = [[name, f"{seconds:.3f}", f"{seconds / reference:.2f}"] for name, seconds in times.items()]
     print(align([["", "s", "ratio"], *rows]))
@@ -150,14 +153,28 @@ def extra_memory(folder: Path, diameter_mm: float) -> float:
     return float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 
 
-def best(action: Callable[[], object]) -> float:
-    """Shortest of a few runs, in seconds: the least disturbed one."""
-    times = []
+def best_of_each(actions: Mapping[str, Callable[[], object]]) -> dict[str, float]:
+    """Shortest of a few runs of each of ``actions``, in seconds: the least disturbed one.
+
+    They take turns, so that a machine whose speed wavers disturbs all of them alike.
+    """
+    times = dict.fromkeys(actions, math.inf)
     for _ in range(REPEATS):
-        start = time.perf_counter()
-        action()
-        times.append(time.perf_counter() - start)
-    return min(times)
+        for name, action in actions.items():
+            times[name] = min(times[name], timed(action))
+    return times
+
+
+def best(action: Callable[[], object]) -> float:
+    """Shortest of a few runs, in seconds."""
+    return min(timed(action) for _ in range(REPEATS))
+
+
+def timed(action: Callable[[], object]) -> float:
+    """How many seconds it takes."""
+    start = time.perf_counter()
+    action()
+    return time.perf_counter() - start
 
 
 def read_with_simpleitk(folder: Path) -> object:

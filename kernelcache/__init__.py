@@ -57,7 +57,8 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Function], Functio
     """Compile a function of numbers and arrays to machine code; the options are those of `numba.njit`.
 
     A kernel fills slices and rows with an array by loops: where one assigns it, numba compiles, too, how an error tells
-    two shapes, which takes longer than most kernels (2 s of a processor for each number of axes).
+    two shapes, which takes longer than most kernels (2 s of a processor for each number of axes). One that takes a few
+    microseconds keeps the interpreter's lock: to hand that to another thread, and wait for it, takes longer.
     """
 
     def compiled(function: Function) -> Function:

@@ -98,12 +98,12 @@ class SliceGrid:
         gaps = self.spacings_mm
         return float(np.median(gaps)) if gaps.size else self.row_spacing_mm
 
-    @property
+    @cached_property
     def row_spacing_mm(self) -> float:
         """Distance between neighbouring rows."""
         return float(np.linalg.norm(self.row_step_mm))
 
-    @property
+    @cached_property
     def column_spacing_mm(self) -> float:
         """Distance between neighbouring columns."""
         return float(np.linalg.norm(self.column_step_mm))

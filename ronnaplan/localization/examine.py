@@ -23,13 +23,10 @@ from ronnaplan.localization.judge.blur import blur_mm2
 from ronnaplan.localization.judge.crossed import without_the_screw
 from ronnaplan.localization.judge.evidence import Evidence, Usual
 from ronnaplan.localization.judge.motion import Movement
+from ronnaplan.localization.judge.noise import noise_level
 from ronnaplan.localization.judge.rim import without_the_rim
 from ronnaplan.localization.judge.strain import shape_of
-from ronnaplan.localization.judge.uncertainty import (
-    by_excess,
-    cramer_rao_bound,
-    noise_level,
-)
+from ronnaplan.localization.judge.uncertainty import by_excess, cramer_rao_bound
 from ronnaplan.localization.scanner.hardened import Head, without_the_head
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanner.summed import what_is_lost_hu

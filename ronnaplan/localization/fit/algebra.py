@@ -76,7 +76,7 @@ LEAST_LEFT = 1e-12
 """What is left of a parameter's information beside the other parameters', as a share, if these do not tell it."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def inverse(information: FloatArray) -> FloatArray:
     """Return the inverse of normal equations (P, P) whose parameters have any units.
 

@@ -46,6 +46,19 @@ def direction_cells(offsets_mm: FloatArray) -> NDArray[np.intp]:
     return cells
 
 
+@njit(cache=True, nogil=True)
+def cell_means(values: FloatArray, cells: NDArray[np.intp], chosen: NDArray[np.bool_]) -> FloatArray:
+    """Mean of the ``chosen`` values in each cell (cells,); NaN where there is none."""
+    sums, counts = np.zeros(CELL_COUNT), np.zeros(CELL_COUNT)
+    for n in range(len(values)):
+        if chosen[n]:
+            sums[cells[n]] += values[n]
+            counts[cells[n]] += 1.0
+    for cell in range(CELL_COUNT):
+        sums[cell] = sums[cell] / counts[cell] if counts[cell] > 0.0 else np.nan
+    return sums
+
+
 @cache
 def cell_directions() -> FloatArray:
     """Unit vectors (`CELL_COUNT`, 3) through the middle of each cell; not to be written to."""

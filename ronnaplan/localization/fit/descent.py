@@ -186,7 +186,7 @@ def _descend(
     return theta, moved_mm < last_step_mm, damping
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def is_no_marker(theta: FloatArray, stated: FloatArray) -> bool:
     """Whether size or slice profile are farther from what is ``stated`` (P,) than a marker's are, on the way, too."""
     diameter_mm, apart_mm = 2.0 * stated[RADIUS], 2.0 * abs(theta[RADIUS] - stated[RADIUS])
@@ -252,26 +252,27 @@ def residuals_and_jacobian(
     around: Neighbourhood, theta: FloatArray, layer_mm: float, ceiling_hu: float
 ) -> tuple[FloatArray, FloatArray]:
     """Data minus model (N,) and the Jacobian (N, P); both zero where clipped data agree with a model beyond."""
-    model, jacobian = evaluate(around.offsets_mm, theta, layer_mm, *discs(theta))
-    residuals = around.values_hu - model
-    _silence(around.values_hu, around.floors_hu, model, ceiling_hu, residuals, jacobian)
-    return residuals, jacobian
+    voxels = around.offsets_mm, around.values_hu, around.floors_hu
+    return _left_over(*voxels, theta, layer_mm, discs(theta), ceiling_hu)
 
 
 @njit(cache=True, nogil=True)
-def _silence(
+def _left_over(
+    offsets: FloatArray,
     values: FloatArray,
     floors: FloatArray,
-    model: FloatArray,
+    theta: FloatArray,
+    layer_mm: float,
+    looked_up: Discs,
     ceiling: float,
-    residuals: FloatArray,
-    jacobian: FloatArray,
-) -> None:
-    """Set ``residuals`` (N,) and rows of the ``jacobian`` (N, P) to zero where the scale has ended."""
+) -> tuple[FloatArray, FloatArray]:
+    residuals, jacobian = evaluate(offsets, theta, layer_mm, *looked_up)
     for n in range(len(values)):
-        if is_beyond_scale(values[n], model[n], floors[n], ceiling):
+        model, residuals[n] = residuals[n], values[n] - residuals[n]
+        if is_beyond_scale(values[n], model, floors[n], ceiling):
             residuals[n] = 0.0
             jacobian[n] = 0.0
+    return residuals, jacobian
 
 
 def layer_jacobian(around: Neighbourhood, theta: FloatArray, layer_mm: float) -> FloatArray:

@@ -128,12 +128,15 @@ class Verdict:
 
 def judge(
     around: Neighbourhood, theta: FloatArray, layer_mm: float, ceiling_hu: float
-) -> tuple[Verdict, NDArray[np.intp]]:
-    """Judge every direction by the voxels within reach; returns the cell (N,) of each too, -1 of those beyond."""
+) -> tuple[Verdict, NDArray[np.bool_]]:
+    """Judge every direction by the voxels within reach; returns which voxels (N,) those that agree are, too."""
     voxels = around.offsets_mm, around.values_hu, around.floors_hu
-    cells, sums = _survey(*voxels, theta, layer_mm, discs(theta), ceiling_hu)
-    return Verdict(*_weighed(sums, theta[CONTRAST], theta[RADIUS], cell_directions())), cells
+    told, agreeing = _survey(*voxels, theta, layer_mm, discs(theta), ceiling_hu, cell_directions())
+    return Verdict(*told), agreeing
 
+
+Told = tuple[NDArray[np.int8], FloatArray, FloatArray, float, float, float, NDArray[np.bool_], FloatArray, bool]
+"""The first members of `Verdict`, in their order."""
 
 SEEN, SQUARES, SHIFTS, STEEPNESS, OUTSIDE, UNEXPLAINED, INSIDE, WITHIN = range(8)
 """What is summed in each direction. On the surface: how many voxels there are, their squared residuals, and their
@@ -150,8 +153,9 @@ def _survey(
     layer_mm: float,
     looked_up: Discs,
     ceiling_hu: float,
-) -> tuple[NDArray[np.intp], FloatArray]:
-    """Cell (N,) of each voxel within reach, -1 of the others, and the sums over those (8, cells)."""
+    directions: FloatArray,
+) -> tuple[Told, NDArray[np.bool_]]:
+    """What the voxels within reach tell of each direction, and which voxels (N,) those that agree are."""
     sums, end = np.zeros((8, CELL_COUNT)), len(theta) - (len(SKIN_PARAMETERS) - 1 if has_skin(theta) else 0)
     cells, zones, near = _within_reach(offsets_mm, values_hu, theta, end, sums)
     for first in range(0, len(near), BLOCK):
@@ -172,7 +176,10 @@ def _survey(
             else:
                 sums[INSIDE, cell] += 1.0
                 sums[WITHIN, cell] += residual
-    return cells, sums
+    told, agreeing = _weighed(sums, theta[CONTRAST], theta[RADIUS], directions), np.zeros(len(cells), np.bool_)
+    for n in range(len(cells)):
+        agreeing[n] = cells[n] >= 0 and told[0][cells[n]] == 1
+    return told, agreeing
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -206,18 +213,16 @@ def _within_reach(
     return cells, zones, near[:count]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def unlike_inside(inside_hu: FloatArray, contrast_hu: float) -> NDArray[np.bool_]:
     """In which directions (C,) what is deep inside a ball is an insert's, or a void's."""
     unlike_hu = inside_hu - quantile(inside_hu, 0.5)
     return (unlike_hu > INSERT_SHARE * contrast_hu) | (unlike_hu < -VOID_SHARE * contrast_hu)
 
 
-@njit(cache=True, nogil=True)
-def _weighed(
-    sums: FloatArray, contrast: float, radius: float, directions: FloatArray
-) -> tuple[NDArray[np.int8], FloatArray, FloatArray, float, float, float, NDArray[np.bool_], FloatArray, bool]:
-    """Return the first members of `Verdict` that the ``sums`` (8, cells) tell, in their order."""
+@njit(cache=True)
+def _weighed(sums: FloatArray, contrast: float, radius: float, directions: FloatArray) -> Told:
+    """Return what the ``sums`` (8, cells) tell."""
     means = np.full((3, CELL_COUNT), np.nan)
     rms, outside, within = means[0], means[1], means[2]
     for cell in range(CELL_COUNT):
@@ -256,7 +261,7 @@ def _weighed(
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def near_any(directions: FloatArray, chosen: NDArray[np.bool_], cosine: float) -> NDArray[np.bool_]:
     """Which of the ``directions`` (N, 3) are closer to one of the ``chosen`` than the angle of this ``cosine``."""
     near = np.zeros(len(directions), np.bool_)
@@ -270,7 +275,7 @@ def near_any(directions: FloatArray, chosen: NDArray[np.bool_], cosine: float) -
     return near
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _is_covered(excess: FloatArray, bright: float, directions: FloatArray) -> bool:
     count, dark, total = 0, 0, np.zeros(3)
     for cell in range(len(excess)):
@@ -282,16 +287,3 @@ def _is_covered(excess: FloatArray, bright: float, directions: FloatArray) -> bo
     if count <= max(COVERED_SHARE * CELL_COUNT, COVER_TO_DARK * dark):
         return False
     return math.sqrt(total[0] ** 2 + total[1] ** 2 + total[2] ** 2) / count < COVERED_SPREAD
-
-
-@njit(cache=True, nogil=True)
-def cell_means(values: FloatArray, cells: NDArray[np.intp], chosen: NDArray[np.bool_]) -> FloatArray:
-    """Mean of the ``chosen`` values in each cell (cells,); NaN where there is none."""
-    sums, counts = np.zeros(CELL_COUNT), np.zeros(CELL_COUNT)
-    for n in range(len(values)):
-        if chosen[n]:
-            sums[cells[n]] += values[n]
-            counts[cells[n]] += 1.0
-    for cell in range(CELL_COUNT):
-        sums[cell] = sums[cell] / counts[cell] if counts[cell] > 0.0 else np.nan
-    return sums

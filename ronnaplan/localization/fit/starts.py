@@ -77,14 +77,14 @@ class Candidate:
     def steady_look(self) -> Look | None:
         """Look by the directions alone that agree with the first guess, before an even background; None if no ball."""
         start, prior, some = self.start, self.prior, self.dimmed.select(self.few)
-        verdict, agreeing = judge_around(self.around.select(self.few), start, prior.layer_mm, self.ceiling_hu)
+        verdict, agreeing = judge(self.around.select(self.few), start, prior.layer_mm, self.ceiling_hu)
         if (
             verdict.usual_rms_hu > HOPELESS_MISFIT * start[CONTRAST]
             or np.mean(verdict.state == 1) < LEAST_AGREEING
         ):
             return None
         theta, _ = descend(some.select(agreeing), start, steady(prior, start), self.ceiling_hu, LOOK)
-        told = judge_around(self.around, theta, prior.layer_mm, self.ceiling_hu)
+        told = judge(self.around, theta, prior.layer_mm, self.ceiling_hu)
         return (theta, told) if told[0].round_share >= HOPELESS_ROUND else None
 
     def free_look(self, look: Look) -> Look:
@@ -104,7 +104,7 @@ class Candidate:
 
     def _held_look(self, theta: FloatArray) -> Look:
         theta, _ = descend(self.dimmed.select(self.few), theta, frozen(self.prior, theta), self.ceiling_hu, LOOK)
-        return theta, judge_around(self.around, theta, self.prior.layer_mm, self.ceiling_hu)
+        return theta, judge(self.around, theta, self.prior.layer_mm, self.ceiling_hu)
 
     def _freed_look(self, look: Look) -> Look:
         """Free the shape, which a ``look`` held; a wrong shape leaves out too many directions.
@@ -118,7 +118,7 @@ class Candidate:
         def freed(voxels: NDArray[np.bool_]) -> Look:
             theta, _ = descend(self.dimmed.select(voxels), held, self.prior, self.ceiling_hu, LOOK)
             is_given_up = is_no_marker(theta, self.prior.mean)  # then what was told last will do
-            return theta, before if is_given_up else judge_around(
+            return theta, before if is_given_up else judge(
                 self.around, theta, self.prior.layer_mm, self.ceiling_hu
             )
 
@@ -148,12 +148,6 @@ def is_astray(look: Look) -> bool:
     """Whether what stands beside a ball may have led a ``look`` astray: its background slopes steeply."""
     theta = look[0]
     return bool(np.linalg.norm(theta[SLOPES]) > ASTRAY_SLOPE_PER_MM * theta[CONTRAST])
-
-
-def judge_around(around: Neighbourhood, theta: FloatArray, layer_mm: float, ceiling_hu: float) -> Judged:
-    """Judge every direction by the voxels within reach; returns which voxels (N,) those that agree are."""
-    verdict, cells = judge(around, theta, layer_mm, ceiling_hu)
-    return verdict, (cells >= 0) & (verdict.state[cells] == 1)
 
 
 def _dimmed(around: Neighbourhood, start: FloatArray, contrasts: float) -> Neighbourhood:

@@ -26,16 +26,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.geometry import SD_PER_DEVIATION, FloatArray
+from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import is_off_size
 from ronnaplan.localization.fit.algebra import inverse
 from ronnaplan.localization.fit.ball_fit import BallFit
-from ronnaplan.localization.fit.cells import direction_cells
-from ronnaplan.localization.fit.depth import edge_depth
-from ronnaplan.localization.fit.directions import cell_means
 from ronnaplan.localization.fit.neighbourhood import first_of_each
 from ronnaplan.localization.fit.parameters import (
-    BACKGROUND,
     BLUR,
     CENTER,
     LEAST_SPREAD_MM2,
@@ -47,17 +43,8 @@ from ronnaplan.localization.fit.parameters import (
     W,
     profile_half_mm,
 )
-from ronnaplan.localization.fit.shading import QUANTIZATION_NOISE_HU, UNEVEN
+from ronnaplan.localization.fit.shading import UNEVEN
 from ronnaplan.localization.judge.motion import Movement
-
-CUT_OFF_SHARE = 0.6
-"""Half of the air at a scale's lower end is cut off, and the other half tells its noise; of air below it, more is."""
-
-MIN_FLAT_VOXELS = 30
-"""A zone with fewer voxels says nothing of the noise."""
-
-MIN_FREEDOM = 0.3
-"""Share of a zone's voxels that is left at least after each direction has used one for its mean."""
 
 ADAPTED_SLICES = 2.0
 """To so many slices the fit adapts: its center along them, and the profile."""
@@ -200,34 +187,6 @@ def cramer_rao_bound(fit: BallFit, noise_hu: float) -> FloatArray:
     return rotated
 
 
-def noise_level(fit: BallFit) -> float:
-    """Standard deviation of the noise (HU) where the ball and its surroundings are flat.
-
-    Robust to streaks (each direction's mean is taken off) and to air at the bottom of the scale (only the upper
-    half of the values counts); the quieter of inside and outside, for what disturbs only adds. Air below the scale has
-    no noise: where the ball's inside tells, it is not asked.
-    """
-    depth, blur = edge_depth(fit.neighbourhood.offsets_mm, fit.theta)
-    measured = fit.jacobian[:, BACKGROUND] != 0.0  # clipped voxels have no noise
-    is_flat = fit.used & (np.abs(depth) > 2.0 * blur)
-    is_cut_off = (fit.neighbourhood.values_hu <= fit.neighbourhood.floors_hu)[is_flat & (depth > 0.0)]
-    hides_air = np.count_nonzero(is_cut_off) > CUT_OFF_SHARE * len(is_cut_off)
-    flat = np.flatnonzero(is_flat & measured)
-    cells = direction_cells(fit.neighbourhood.offsets_mm.take(flat, axis=0) - fit.theta[CENTER])
-    residuals_hu, is_outside = fit.residuals_hu.take(flat), depth.take(flat) > 0.0
-    levels: list[float] = []
-    for zone in (~is_outside, is_outside):
-        if np.count_nonzero(zone) < MIN_FLAT_VOXELS or (levels and hides_air and zone is is_outside):
-            continue
-        means = cell_means(residuals_hu, cells, zone)
-        left_over = (residuals_hu - means[cells])[zone]
-        middle = np.median(left_over)
-        spread = SD_PER_DEVIATION * float(np.median(left_over[left_over >= middle] - middle))
-        freedom = max(1.0 - np.count_nonzero(~np.isnan(means)) / len(left_over), MIN_FREEDOM)
-        levels.append(spread / float(np.sqrt(freedom)))
-    return max(min(levels, default=_rms(fit.residuals_hu[fit.used])), QUANTIZATION_NOISE_HU)
-
-
 def by_slices(fit: BallFit) -> FloatArray:
     """Covariance (3, 3) along u, v, w from what the residuals of slices, or of their octants, do to the center."""
     kept = np.flatnonzero(fit.used)
@@ -278,7 +237,3 @@ def by_panel(theta: FloatArray) -> float:
     """How much the blur is that of a flat panel, 0 to 1: no box along the slices' normal, and no wider than in them."""
     across_mm = math.sqrt(float(theta[WIDTH]) ** 2 / 12.0 + LEAST_SPREAD_MM2)
     return (min(float(theta[SHAPE]), 1.0) * min(float(theta[BLUR]) / across_mm, 1.0)) ** 4
-
-
-def _rms(values: FloatArray) -> float:
-    return max(float(np.sqrt(np.mean(values**2))), QUANTIZATION_NOISE_HU) if values.size else 1.0

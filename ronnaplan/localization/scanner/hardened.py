@@ -155,8 +155,8 @@ def pictures_hu(beside: Beside, fit: BallFit) -> tuple[FloatArray, FloatArray]:
         of_faded, of_slopes = (
             _between(one[:, some], beside.heights_mm, heights_mm, axis=0) for one in (faded, slopes)
         )
-        filtered = np.moveaxis(np.stack([chords * of_faded, rises * of_slopes]) @ kernel, 0, -1)
-        _back_project(offsets_mm, numbers, np.ascontiguousarray(filtered), places_mm, begin, pictures)
+        filtered = np.stack([chords * of_faded, rises * of_slopes]) @ kernel
+        _back_project(offsets_mm, numbers, filtered, places_mm, begin, pictures)
     pictures *= 1000.0 / WATER_PER_MM * math.pi / VIEWS
     return pictures[0], pictures[1]
 
@@ -211,23 +211,23 @@ def _back_project(
     first: int,
     pictures: FloatArray,
 ) -> None:
-    """Add to ``pictures`` (2, N), at ``offsets`` (N, 3), views ``filtered`` (K, V, T, 2), known at ``places`` (T,).
+    """Add to ``pictures`` (2, N), at ``offsets`` (N, 3), views ``filtered`` (2, K, V, T), known at ``places`` (T,).
 
     They are those from the ``first`` on; each of the offsets lies in the slice of its number (N,).
     """
-    per_step, views = 1.0 / (places[1] - places[0]), filtered.shape[1]
+    per_step, views = 1.0 / (places[1] - places[0]), filtered.shape[2]
     across_u, across_v = np.empty(views), np.empty(views)
     for view in range(views):
         angle = (first + view + 0.5) * math.pi / VIEWS
         across_u[view], across_v[view] = math.cos(angle) * per_step, math.sin(angle) * per_step
     begin = places[0] * per_step
     for n in range(len(offsets)):
-        u, v, of_slice = offsets[n, U], offsets[n, V], filtered[numbers[n]]
+        u, v, first_of, second_of = offsets[n, U], offsets[n, V], filtered[0, numbers[n]], filtered[1, numbers[n]]
         one, other = pictures[0, n], pictures[1, n]
         for view in range(views):
             at = u * across_u[view] + v * across_v[view] - begin
             low = int(at)
             share = at - low
-            one += (1.0 - share) * of_slice[view, low, 0] + share * of_slice[view, low + 1, 0]
-            other += (1.0 - share) * of_slice[view, low, 1] + share * of_slice[view, low + 1, 1]
+            one += (1.0 - share) * first_of[view, low] + share * first_of[view, low + 1]
+            other += (1.0 - share) * second_of[view, low] + share * second_of[view, low + 1]
         pictures[0, n], pictures[1, n] = one, other

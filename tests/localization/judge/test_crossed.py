@@ -16,7 +16,7 @@ from ronnaplan.localization.examine import fit_place
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.judge.crossed import untold_mm2, without_the_screw
 from ronnaplan.localization.judge.evidence import Evidence
-from ronnaplan.localization.judge.uncertainty import noise_level
+from ronnaplan.localization.judge.noise import noise_level
 from ronnaplan.localization.scanner.scan import Scan
 from tests.scans import balls, offsets_mm, scan, small_stack
 

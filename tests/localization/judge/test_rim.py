@@ -14,7 +14,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.examine import fit_place
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.judge.evidence import Evidence
-from ronnaplan.localization.judge.uncertainty import noise_level
+from ronnaplan.localization.judge.noise import noise_level
 from ronnaplan.localization.scanner.scan import Scan
 from tests.scans import balls, scan, small_stack
 

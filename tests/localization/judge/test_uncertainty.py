@@ -22,6 +22,7 @@ from ronnaplan.localization.fit.parameters import BLUR, RADIUS, SHAPE, WIDTH, pr
 from ronnaplan.localization.judge import uncertainty
 from ronnaplan.localization.judge.blur import Edge
 from ronnaplan.localization.judge.motion import movement
+from ronnaplan.localization.judge.noise import noise_level
 from ronnaplan.localization.judge.uncertainty import (
     HIDDEN_SHADING,
     LAG_MM,
@@ -30,7 +31,6 @@ from ronnaplan.localization.judge.uncertainty import (
     center_covariance,
     cramer_rao_bound,
     larger,
-    noise_level,
     pulled_mm2,
     shared_noise,
 )
