@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ronnaplan.cli import demo
+from ronnaplan.scene.portrait import head_picture
 from tests.cli.calls import run
 
 ROOT = Path(__file__).resolve().parents[2]
+SMALL = (100, 100)
+"""Pixels of the picture of the head: rows, columns."""
 
 
-def test_the_demo_finds_every_marker_within_0_03_mm(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_demo_finds_every_marker_within_0_03_mm(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("ronnaplan.report.picture.head_picture", partial(head_picture, shape=SMALL))
     status, out, _ = run(["demo", "--output-dir", str(tmp_path / "demo")], capsys)
     assert status == 0
     truth = json.loads((ROOT / "data" / "synthetic_ct" / "truth.json").read_text())["markers"]

@@ -48,6 +48,10 @@ FLAGS = (
 PATIENCE_MS = 120_000
 """How long a page is waited for: far longer than it takes, even where much else runs beside."""
 
+POLLING_MS = 100
+"""How often a page is asked for what takes seconds to make: asked at each of its frames, as Playwright would, it draws
+all of them meanwhile."""
+
 
 def skip_reason() -> str | None:
     """Why no browser test can run here, None if they can."""
@@ -188,10 +192,10 @@ def fields(page: Any, which: str) -> list[float]:
 
 def eventually(page: Any, holds: Callable[[], bool]) -> None:
     """Wait until something holds, as a person would, and fail where it never does."""
-    for _ in range(PATIENCE_MS // 100):
+    for _ in range(PATIENCE_MS // POLLING_MS):
         if holds():
             return
-        page.wait_for_timeout(100)
+        page.wait_for_timeout(POLLING_MS)
     raise AssertionError("what was waited for did not come to pass")
 
 
@@ -236,6 +240,6 @@ def seen_at(page: Any, view: str, halves: tuple[float, float]) -> tuple[float, f
 
 def with_head(page: Any) -> Any:
     """Wait until the 3-D view shows something."""
-    page.wait_for_function("window.trame.state.get('picture_head')")
-    page.wait_for_function("window.trame.state.get('drawn_head').paths.length")
+    page.wait_for_function("window.trame.state.get('picture_head')", polling=POLLING_MS)
+    page.wait_for_function("window.trame.state.get('drawn_head').paths.length", polling=POLLING_MS)
     return page
