@@ -58,9 +58,11 @@ def without_the_screw(volume: CTVolume, fit: BallFit) -> BallFit:
     alone = fit_by_part(fit, around, np.ones(len(around.values_hu), dtype=np.bool_))
     if alone is None:
         return fit
-    noise_mm2 = HALF_A_BALL**2 * WEIGHTS["slices"] * by_slices(alone)
+    off_mm = alone.theta[CENTER] - fit.theta[CENTER]
+    farther_mm = _farther_mm(fit, off_mm, around.offsets_mm)
+    noise_mm2 = HALF_A_BALL**2 * WEIGHTS["slices"] * by_slices(alone) + np.outer(farther_mm, farther_mm)
     believed = PRIOR @ inverse(PRIOR + noise_mm2)
-    moved_mm = believed @ (alone.theta[CENTER] - fit.theta[CENTER])
+    moved_mm = believed @ (off_mm - farther_mm)
     left_mm = STILL_CROSSED * moved_mm
     return replace(
         fit,
@@ -89,6 +91,18 @@ def untold_mm2(volume: CTVolume, fit: BallFit) -> FloatArray:
     normal = fit.neighbourhood.axes[across]
     stated: FloatArray = pull_mm**2 * np.outer(normal, normal)
     return stated
+
+
+def _farther_mm(fit: BallFit, off_mm: FloatArray, clear_mm: FloatArray) -> FloatArray:
+    """What of ``off_mm`` (3,) leads farther from the screw, towards the voxels ``clear_mm`` (N, 3): an error of theirs.
+
+    A screw pulls a ball away from itself, so that slices without it put the center nearer to it. Half a ball tells its
+    radius and its center along the normal together, and errs towards its pole where the profile is not quite as fitted.
+    """
+    across, farther_mm = _across(fit), np.zeros(3)
+    if off_mm[across] * float(np.mean(clear_mm[:, across] - fit.theta[CENTER][across])) > 0.0:
+        farther_mm[across] = off_mm[across]
+    return farther_mm
 
 
 def _clear_of_screws(volume: CTVolume, fit: BallFit) -> NDArray[np.bool_] | None:
