@@ -12,7 +12,6 @@ from ronnaplan.planning.contacts import ContactMeasures
 from ronnaplan.planning.rows import (
     Rows,
     coordinates,
-    distance_rows,
     error_values,
     errors_by_basis,
     shape_rows,
@@ -20,6 +19,7 @@ from ronnaplan.planning.rows import (
     verdict_sentence,
 )
 from ronnaplan.report.html import element, picture, table, unseen
+from ronnaplan.report.others import faults, nearest_rows, with_far_ones_gathered
 from ronnaplan.report.part import Part
 from ronnaplan.report.path_cuts import path_picture
 from ronnaplan.text import abridged, isolated, told_apart
@@ -55,7 +55,7 @@ def paths_part(case: Case) -> Part:
         return Part(TITLE, [table(ENDS, map(_ends, case.plan.trajectories))])
     pieces: list[str] = []
     part = Part(TITLE, pieces, list(case.surroundings.doubts))
-    judgements = case.surroundings.judge_all(case.plan)
+    judgements, told = case.surroundings.judge_all(case.plan), set[frozenset[str]]()
     for trajectory, judged in zip(case.plan.trajectories, judgements, strict=True):
         body, look = [element("h3", isolated(trajectory.name))], "path"
         if judged.problem:
@@ -66,8 +66,8 @@ def paths_part(case: Case) -> Part:
         else:
             look = "path measured"
             body += _measured(case.volume, judged.measures, judged.verdicts)
-        part.warnings.extend(f"trajectory {trajectory.name}: {doubt}" for doubt in judged.doubts)
-        part.warnings.extend(map(_fault, judged.broken))
+            part.warnings.extend(f"trajectory {trajectory.name}: {doubt}" for doubt in judged.doubts)
+            part.warnings.extend(map(_fault, faults(judged.measures, judged.broken, told)))
         pieces.append(f'<div class="{look}">{"".join(body)}</div>')
     measured = [judged.measures for judged in judgements if judged.measures is not None]
     verdicts = [verdict for judged in judgements for verdict in judged.verdicts]
@@ -85,8 +85,8 @@ def _measured(volume: CTVolume, one: Measures, verdicts: Sequence[Verdict]) -> l
     drawn = picture(
         path_picture(volume, one), f"{abridged(name)}: two cuts along the path, at right angles; HU along it"
     )
-    judged = sorted(verdicts, key=lambda verdict: verdict.passes)
-    distances = [] if verdicts else distance_rows(one)  # every verdict tells its distance
+    judged = sorted(with_far_ones_gathered(one, verdicts), key=lambda verdict: verdict.passes)
+    distances = [] if verdicts else nearest_rows(one)  # every verdict tells its distance
     beside = table([], [*_path(one.trajectory), *shape_rows(one), *distances]) + _errors(one)
     if judged:
         beside += f'<div class="limits">{table(VERDICTS, _judged(judged))}</div>'
