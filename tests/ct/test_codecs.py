@@ -222,6 +222,20 @@ def test_values_of_fewer_bits_than_the_header_has_are_refused_where_their_sign_i
             read_ct(tmp_path)
 
 
+@pytest.mark.parametrize(("syntax", "lowest"), [(JPEG_LS, 0), (JPEG_2000, 0), (JPEG_2000, -2048)])
+def test_values_of_fewer_bits_than_the_header_has_are_read_where_both_say_alike_whether_they_have_a_sign(
+    syntax: str, lowest: int, tmp_path: Path
+) -> None:
+    values = np.linspace(lowest, lowest + 4095, 64 * 64).round().astype("i2" if lowest else "u2").reshape(64, 64)
+    for k in range(3):
+        made = dataset(k, stored=values)
+        made.BitsStored, made.HighBit = 12, 11
+        made = compress(made, syntax, tmp_path)
+        made.BitsStored, made.HighBit = 16, 15
+        save(made, tmp_path / str(k))
+    assert np.array_equal(read_ct(tmp_path).voxels_hu[1], values.astype(int) - 1024)
+
+
 @pytest.mark.parametrize("syntax", [JPEG_LS, JPEG_2000, JPEG_57])
 def test_values_of_more_bits_than_a_pixel_of_the_header_has_are_refused(syntax: str, tmp_path: Path) -> None:
     """Their upper bits were left out."""

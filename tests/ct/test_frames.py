@@ -229,6 +229,21 @@ def test_an_offset_table_that_puts_frames_in_another_order_than_they_lie_in_is_r
             read_ct(path)
 
 
+@pytest.mark.parametrize("counted_from", [None, 1000], ids=["no table", "table of other places"])
+def test_frames_of_one_fragment_each_are_read_whatever_the_offset_table_says_that_is_none_of_them(
+    counted_from: int | None, tmp_path: Path
+) -> None:
+    """How RLE images begin tells nothing; writers leave the table empty, or count from elsewhere."""
+    made = compress(enhanced(3), "1.2.840.10008.1.2.5", tmp_path)
+    frames = list(generate_frames(made.PixelData, number_of_frames=3))
+    made.PixelData = encapsulate(frames, has_bot=counted_from is not None)
+    if counted_from is not None:
+        places = np.frombuffer(made.PixelData[8:20], "<u4") + np.uint32(counted_from)
+        made.PixelData = made.PixelData[:8] + places.tobytes() + made.PixelData[20:]
+    volume = read_ct(enhanced_file(tmp_path, made))
+    assert np.array_equal(volume.voxels_hu, np.stack([pattern(k) for k in range(3)]) - 1024)
+
+
 @pytest.mark.parametrize("unit", ["HU", "US", "Hounsfield", "hounsfield units", None])
 def test_hounsfield_units_by_any_name_are_read(tmp_path: Path, unit: str | None) -> None:
     def named(made: Dataset, k: int) -> None:
