@@ -50,6 +50,18 @@ def frame_fragments(blob: Blob, pixels: PixelFormat) -> list[tuple[Fragment, ...
     return _grouped(fragments, starts, pixels.frames)
 
 
+def require_order(extended_table: bytes) -> None:
+    """Raise `DamagedError` where an extended offset table (PS3.3, C.7.6.3.1.8) tells another order than frames lie in.
+
+    Nothing else is asked of it: it is of frames of one fragment each, which need none.
+    """
+    offsets = struct.unpack(f"<{len(extended_table) // 8}Q", extended_table[: len(extended_table) // 8 * 8])
+    if any(after < before for before, after in pairwise(offsets)):
+        raise DamagedError(
+            "its extended offset table puts frames in another order than they lie in; export it uncompressed"
+        )
+
+
 def _grouped(fragments: list[Fragment], starts: list[int], count: int) -> list[tuple[Fragment, ...]]:
     """Return the fragments of each frame; ``starts`` are the numbers of their first ones."""
     if len(starts) != count or starts[0] != 0 or any(b <= a for a, b in pairwise(starts)):

@@ -15,7 +15,7 @@ from ronnaplan.ct import tags
 from ronnaplan.ct.codecs import why_not_decoded
 from ronnaplan.ct.derived import why_not_slices
 from ronnaplan.ct.files import DamagedError
-from ronnaplan.ct.fragments import frame_fragments
+from ronnaplan.ct.fragments import frame_fragments, require_order
 from ronnaplan.ct.header import (
     DEFLATED_LITTLE,
     EXPLICIT_BIG,
@@ -108,6 +108,7 @@ def images_of(instance: Instance) -> list[SliceImage]:
     facts = _facts_of_frames(instance, pixels)
     images = [_image(instance, pixels, frame, each) for frame, each in enumerate(facts)]
     if pixels.length is None:
+        require_order(instance.elements.get(tags.EXTENDED_OFFSET_TABLE, b""))
         places = frame_fragments(instance.blob, pixels)
         images = [replace(image, fragments=place) for image, place in zip(images, places, strict=True)]
     return images

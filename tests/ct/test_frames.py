@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydicom.dataset import Dataset
-from pydicom.encaps import encapsulate, generate_frames
+from pydicom.encaps import encapsulate, encapsulate_extended, generate_frames
 from pydicom.pixels.utils import pixel_array
 
 from ronnaplan.ct import VolumeFlag, find_series, read_ct
@@ -226,6 +226,22 @@ def test_an_offset_table_that_puts_frames_in_another_order_than_they_lie_in_is_r
             continue
         assert np.array_equal(pixel_array(path, index=2), pattern(0))
         with pytest.raises(InputError, match="3 compressed frames cannot be told apart"):
+            read_ct(path)
+
+
+def test_an_extended_offset_table_in_another_order_is_refused_too(tmp_path: Path) -> None:
+    made = compress(enhanced(3), "1.2.840.10008.1.2.4.80", tmp_path)
+    frames = list(generate_frames(made.PixelData, number_of_frames=3))
+    made.PixelData, *tables = encapsulate_extended(frames)
+    for order, is_read in (([0, 1, 2], True), ([1, 2, 0], False)):
+        offsets, lengths = (np.frombuffer(table, "<u8")[order].tobytes() for table in tables)
+        made.ExtendedOffsetTable, made.ExtendedOffsetTableLengths = offsets, lengths
+        path = enhanced_file(tmp_path, made, f"table {order[0]}")
+        assert np.array_equal(pixel_array(path, index=2), pattern(order[2]))
+        if is_read:
+            assert np.array_equal(read_ct(path).voxels_hu[2], pattern(2) - 1024)
+            continue
+        with pytest.raises(InputError, match="extended offset table puts frames in another order"):
             read_ct(path)
 
 
