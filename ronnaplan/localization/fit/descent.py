@@ -266,10 +266,10 @@ def _left_over(
     looked_up: Discs,
     ceiling: float,
 ) -> tuple[FloatArray, FloatArray]:
-    residuals, jacobian = evaluate(offsets, theta, layer_mm, *looked_up)
+    model, jacobian = evaluate(offsets, theta, layer_mm, *looked_up)
+    residuals = values - model
     for n in range(len(values)):
-        model, residuals[n] = residuals[n], values[n] - residuals[n]
-        if is_beyond_scale(values[n], model, floors[n], ceiling):
+        if is_beyond_scale(values[n], model[n], floors[n], ceiling):
             residuals[n] = 0.0
             jacobian[n] = 0.0
     return residuals, jacobian

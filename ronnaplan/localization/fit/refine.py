@@ -27,7 +27,7 @@ from ronnaplan.localization.fit.descent import (
     is_no_marker,
     residuals_and_jacobian,
 )
-from ronnaplan.localization.fit.directions import Verdict, judge
+from ronnaplan.localization.fit.directions import Judged, Verdict, judge
 from ronnaplan.localization.fit.embedded import within_its_holder
 from ronnaplan.localization.fit.guess import margin_mm
 from ronnaplan.localization.fit.model import has_layer
@@ -38,7 +38,6 @@ from ronnaplan.localization.fit.starts import (
     HOPELESS_MISFIT,
     HOPELESS_ROUND,
     Candidate,
-    Judged,
     Look,
     candidate_of,
     is_astray,

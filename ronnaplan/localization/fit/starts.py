@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build
 from ronnaplan.localization.fit.descent import LOOK, Prior, descend, is_no_marker
-from ronnaplan.localization.fit.directions import MAX_RAGGED, Verdict, judge
+from ronnaplan.localization.fit.directions import MAX_RAGGED, Judged, judge
 from ronnaplan.localization.fit.guess import ball_prior, first_guess, first_guesses, frozen, steady
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import BACKGROUND, CONTRAST, EDGE, SLOPES
@@ -47,9 +47,6 @@ most in 0.8 of them, posts in 0.3 to 0.5."""
 
 LOOKS_ROUND = 0.75
 """What is round in this share of its directions at a look needs no other one: most markers are in 0.8 to 1."""
-
-Judged = tuple[Verdict, NDArray[np.bool_]]
-"""What the directions say, and which voxels (N,) of a neighbourhood are those of the directions that agree."""
 
 Look = tuple[FloatArray, Judged]
 """Parameters (P,) of a ball, and how they were judged by all voxels around."""

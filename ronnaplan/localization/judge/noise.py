@@ -11,7 +11,7 @@ from kernelcache import njit
 from ronnaplan.geometry import SD_PER_DEVIATION, FloatArray
 from ronnaplan.localization.fit.algebra import quantile
 from ronnaplan.localization.fit.ball_fit import BallFit
-from ronnaplan.localization.fit.cells import CELL_COUNT, direction_cell
+from ronnaplan.localization.fit.cells import cell_means, direction_cell
 from ronnaplan.localization.fit.depth import SURFACE_BLURS, depth_and_blur
 from ronnaplan.localization.fit.parameters import BACKGROUND, U, V, W
 from ronnaplan.localization.fit.shading import QUANTIZATION_NOISE_HU
@@ -74,23 +74,20 @@ def _noise(residuals: FloatArray, zones: NDArray[np.int8], zone: int, cells: NDA
 
     Infinity where they are too few.
     """
-    sums, counts, count = np.zeros(CELL_COUNT), np.zeros(CELL_COUNT), 0
-    for n in range(len(zones)):
-        if zones[n] == zone:
-            sums[cells[n]] += residuals[n]
-            counts[cells[n]] += 1.0
-            count += 1
+    is_there = zones == zone
+    count = np.count_nonzero(is_there)
     if count < MIN_FLAT_VOXELS:
         return math.inf
+    means = cell_means(residuals, cells, is_there)
     left_over, upper, at, above = np.empty(count), np.empty(count), 0, 0
     for n in range(len(zones)):
-        if zones[n] == zone:
-            left_over[at] = residuals[n] - sums[cells[n]] / counts[cells[n]]
+        if is_there[n]:
+            left_over[at] = residuals[n] - means[cells[n]]
             at += 1
     middle = quantile(left_over, 0.5)
     for left in left_over:
         if left >= middle:
             upper[above] = left - middle
             above += 1
-    freedom = max(1.0 - np.count_nonzero(counts) / count, MIN_FREEDOM)
+    freedom = max(1.0 - np.count_nonzero(~np.isnan(means)) / count, MIN_FREEDOM)
     return float(SD_PER_DEVIATION * quantile(upper[:above], 0.5) / math.sqrt(freedom))

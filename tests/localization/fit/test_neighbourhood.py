@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -26,3 +28,14 @@ def test_offsets_lead_from_the_center_to_the_voxels() -> None:
 def test_a_place_outside_the_scan_has_no_voxels() -> None:
     volume = scan(balls([(0, 0, 0)]), small_stack())
     assert len(gather(volume, np.array([0.0, 0.0, 500.0]), 8.0, volume.grid.axes).values_hu) == 0
+
+
+def test_of_the_voxels_that_are_kept_all_is_told_as_before() -> None:
+    volume = scan(balls([(0, 0, 0)]), small_stack())
+    around = gather(volume, np.array([2.0, -3.0, 4.0]), 8.0, volume.grid.axes)
+    around = replace(around, floors_hu=np.random.default_rng(1).normal(-1000.0, 10.0, len(around.values_hu)))
+    chosen = around.values_hu > -500.0
+    some = around.select(chosen)
+    for name in ("slices", "offsets_mm", "values_hu", "floors_hu"):
+        np.testing.assert_array_equal(getattr(some, name), getattr(around, name)[chosen])
+    assert len(around.select(np.zeros_like(chosen)).offsets_mm) == 0
