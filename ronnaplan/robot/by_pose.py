@@ -87,8 +87,9 @@ def fields(
 ) -> dict[Cause, FloatArray]:
     """Return (N, 6, s) for each cause: what the field's unknowns, each of about unit size, add to the poses of M.
 
-    Poses are (N, 4, 4); what is added is in M's axes, and in ``sds`` (6,) of its noise. That of a scale is what
-    one standard deviation of places, over `spread_mm`, adds where the tracker tells distances too long.
+    Poses are (N, 4, 4), all three as the robot tells them: the tracker's have the noise that is judged, and a scale of
+    100 % leaves none of it. What is added is in M's axes, and in ``sds`` (6,) of its noise. That of a scale is what one
+    standard deviation of places, over `spread_mm`, adds where the tracker tells distances too long.
     """
     places = robot_from_tcp[:, :3, 3]
     usual = np.sqrt((places**2).sum(axis=1).mean())

@@ -97,7 +97,7 @@ def calibrate_hand_eye(
     if not _agree(fit.rotation_rms_deg, fit.translation_rms_mm):
         numbers = range(len(told)) if frames is None else [frames[one] for one in told]
         raise RefusedError(_contradiction(fit, seen, driven, far, step, numbers))
-    found = _found(fit, seen)
+    found = _found(fit, seen, driven)
     away_mm = float(np.linalg.norm(found.m_from_tcp.translation_mm))
     if away_mm > LONGEST_TOOL_MM:
         raise RefusedError(
@@ -237,13 +237,14 @@ def _refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: Float
     return _Fit(left, right, sds, design, residual, step, error)
 
 
-def _found(fit: _Fit, seen: FloatArray) -> HandEye:
-    """Return what the poses tell, of which the tracker's were ``seen`` (N, 4, 4), with its covariance."""
+def _found(fit: _Fit, seen: FloatArray, driven: FloatArray) -> HandEye:
+    """Return what the poses tell, those ``seen`` and those ``driven`` (N, 4, 4), with its covariance."""
     left, right = fit.left, fit.right
-    robot_from_m = left @ seen
-    of_fields = fields(seen, robot_from_m, robot_from_m @ right, fit.sds)
+    robot_from_m = driven @ invert(right)
+    ots_from_m = invert(left) @ robot_from_m
+    of_fields = fields(ots_from_m, robot_from_m, driven, fit.sds)
     covariance, suspicion = _covariance(fit, seen, of_fields)  # on the right
-    unit = float(fit.sds[3]) / spread_mm(seen)
+    unit = float(fit.sds[3]) / spread_mm(ots_from_m)
     return HandEye(
         Pose(right, carried(right, covariance[6:12, 6:12]), M, TCP),
         Pose(left, carried(left, covariance[:6, :6]), R, OTS),

@@ -81,6 +81,25 @@ def test_distances_of_the_tracker_that_are_wrong_are_told_by_how_much_and_counte
     assert np.mean(of_base) < 2
 
 
+@pytest.mark.parametrize("scale", [1.0, 1.002])
+def test_a_tool_that_swings_about_its_tip_tells_no_scale_which_is_counted(scale: float) -> None:
+    """Only noise is left of its places: distances were said to be 99 % too long, which leaves none of it."""
+    of_base = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        turns, noise = (Rotation.from_rotvec(rng.normal(size=(100, 3)) * np.radians(one)) for one in (20, 0.06))
+        driven, m_from_tcp, robot_from_ots = (matrix(rng, reach) for reach in (500, 100, 1000))
+        driven = np.tile(driven, (100, 1, 1))
+        driven[:, :3, :3] = turns.as_matrix() @ driven[:, :3, :3]
+        seen = invert(robot_from_ots) @ driven @ invert(m_from_tcp)
+        seen[:, :3, :3] = noise.as_matrix() @ seen[:, :3, :3]
+        seen[:, :3, 3] = scale * seen[:, :3, 3] + 0.25 * rng.normal(size=(100, 3))
+        found = calibrate_hand_eye(seen, driven)
+        assert found.doubts == ()
+        of_base.append(normalized(found.robot_from_ots, robot_from_ots))
+    assert np.mean(of_base) < 2
+
+
 def test_an_arm_that_sags_is_told_and_counted() -> None:
     """Its fields of any cause have so many numbers that half of such recordings told nothing."""
     of_base, told = [], []
