@@ -17,6 +17,7 @@ from ronnaplan.ct import read_ct
 from ronnaplan.documents.placement import read_placement
 from ronnaplan.documents.room_example import EXAMPLE
 from ronnaplan.geometry import FloatArray
+from ronnaplan.pose import cross_matrix
 from ronnaplan.robot.arm.inverse import inverse
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.placement.room import Room
@@ -33,6 +34,8 @@ NARROW = {
     "y = [-1100, 1100]": "y = [-600, -500]",
     "[800, 1000]": "[900, 900]",
 }
+HEAD_MM = np.array([0.0, 0.0, 1050.0])
+"""Where the example puts the head's middle in the room."""
 
 
 @pytest.fixture(scope="module")
@@ -78,12 +81,17 @@ def test_a_place_is_found_and_checked_after_parking(
     assert unviewed.startswith("no markers are named, so that no view of any is looked for; give --fiducials")
     assert other == "readings without a partner: 2"
     np.testing.assert_allclose(measured.robot_from_ct[0].room_from_r, pose, atol=1e-6)
-    measured_to_mm = np.diag(np.repeat([1e-6, 11.0], 3) ** 2)
-    coarse = {**chain, "robot_from_ct": {**chain["robot_from_ct"], "covariance": measured_to_mm.tolist()}}
-    (tmp_path / "chain.json").write_text(json.dumps(coarse))
-    assert main([*case, "--chain", str(tmp_path / "chain.json"), "-o", str(output)]) == 0
-    told = "head and base were measured against each other with a standard error of 11.0 mm along the worst axis"
-    assert told in read_placement(output).notes[-1]
+    r_from_room = np.linalg.inv(pose)
+    head_mm = r_from_room[:3, :3] @ HEAD_MM + r_from_room[:3, 3]
+    off_mm = 0.02 * np.linalg.norm(head_mm)
+    for about_mm in (np.zeros(3), head_mm):  # so that the head errs, and so that the base does
+        moved = np.vstack([0.02 * np.eye(3), 0.02 * cross_matrix(about_mm)])
+        covariance = (moved @ moved.T + 1e-6 * np.eye(6)).tolist()
+        coarse = {**chain, "robot_from_ct": {**chain["robot_from_ct"], "covariance": covariance}}
+        (tmp_path / "chain.json").write_text(json.dumps(coarse))
+        assert main([*case, "--chain", str(tmp_path / "chain.json"), "-o", str(output)]) == 0
+        told = f"head and base were measured against each other with a standard error of {off_mm:.1f} mm along the wor"
+        assert told in read_placement(output).notes[-1]
     turned = np.diag([1.0, -1, -1, 1]) @ np.array(found.robot_from_ct[0].r_from_ct)
     chain["robot_from_ct"]["matrix"] = turned.tolist()
     (tmp_path / "chain.json").write_text(json.dumps(chain))
