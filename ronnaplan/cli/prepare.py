@@ -1,4 +1,4 @@
-"""``ronnaplan prepare``: compile now what would else be compiled at first use, a minute of a processor or more."""
+"""``ronnaplan prepare``: compile now what would else be compiled at first use, some minutes of a processor."""
 
 from __future__ import annotations
 
