@@ -26,9 +26,8 @@ from ronnaplan.threads import in_parts
 MIN_CONTRAST_HU = 300.0
 """Faintest ball that is looked for, against its surroundings (plastic in air shows about 1,100 HU)."""
 
-SLAB_SLICES, SLAB_VOXELS = 16, 1 << 20
-"""So many slices of the coarse copy vote at a time, or more, where they have no more voxels than this: to begin threads
-for few takes as long as these. There never is more of it."""
+SLAB_SLICES = 16
+"""So many slices of the coarse copy vote at a time; there never is more of it."""
 
 ALMOST = 0.999
 """Gradients are first taken in single precision, which tells all but those within this of the threshold."""
@@ -66,9 +65,8 @@ def _search(
     ballots = [Ballot.over(low, high, diameter_mm, float(steps.min())) for diameter_mm in diameters_mm]
     edge_mm = float(np.mean([*steps, grid.typical_gap_mm]))
     threshold = MIN_CONTRAST_HU / (4.0 * edge_mm)
-    count = max(SLAB_SLICES, SLAB_VOXELS // (rows * columns))
-    for first in range(0, max(len(origins) - 2, 0), count):
-        part = slice(first, min(first + count + 2, len(origins)))
+    for first in range(0, max(len(origins) - 2, 0), SLAB_SLICES):
+        part = slice(first, min(first + SLAB_SLICES + 2, len(origins)))
         _let_vote(slab(part.start, part.stop), origins[part], steps, threshold, ballots)
     voxels_per_mm2 = 2.0 * edge_mm / (steps.prod() * grid.typical_gap_mm)
     return [ballot.counted(float(voxels_per_mm2), axes) for ballot in ballots]

@@ -64,7 +64,6 @@ def test_the_candidates_do_not_depend_on_how_many_slices_vote_at_a_time(monkeypa
     volume = scan(balls([(3.2, -4.1, 1.7), (-12.0, 9.0, -8.0)]), small_stack(tilt_deg=20.0))
     at_once = detect(volume, 8.0)
     monkeypatch.setattr("ronnaplan.localization.search.detect.SLAB_SLICES", 3)
-    monkeypatch.setattr("ronnaplan.localization.search.detect.SLAB_VOXELS", 0)
     found = detect(volume, 8.0)
     assert len(found) > 0
     np.testing.assert_array_equal(found, at_once)
