@@ -74,20 +74,24 @@ def _noise(residuals: FloatArray, zones: NDArray[np.int8], zone: int, cells: NDA
 
     Infinity where they are too few.
     """
-    is_there = zones == zone
-    count = np.count_nonzero(is_there)
+    is_there, count = zones == zone, 0
+    for there in is_there:  # counted here, for numpy's counting within a kernel loads scipy.linalg
+        count += there
     if count < MIN_FLAT_VOXELS:
         return math.inf
     means = cell_means(residuals, cells, is_there)
-    left_over, upper, at, above = np.empty(count), np.empty(count), 0, 0
+    left_over, upper = np.empty(count), np.empty(count)
+    at = above = told = 0
     for n in range(len(zones)):
         if is_there[n]:
             left_over[at] = residuals[n] - means[cells[n]]
             at += 1
+    for mean in means:
+        told += not math.isnan(mean)
     middle = quantile(left_over, 0.5)
     for left in left_over:
         if left >= middle:
             upper[above] = left - middle
             above += 1
-    freedom = max(1.0 - np.count_nonzero(~np.isnan(means)) / count, MIN_FREEDOM)
+    freedom = max(1.0 - told / count, MIN_FREEDOM)
     return float(SD_PER_DEVIATION * quantile(upper[:above], 0.5) / math.sqrt(freedom))
