@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.case.expectation import expectation
+from ronnaplan.case.judgement import Judgement
 from ronnaplan.case.surroundings import Labels, Rules, Surroundings, Terrain
 from ronnaplan.ct import CTVolume, find_series, read_ct
 from ronnaplan.ct.identity import ScanIdentity
@@ -109,6 +110,11 @@ class Case:
             raise InputError("the scan is not at hand, so no trajectory can be measured in it; give it with --ct")
         terrain = Terrain(self.volume, self.no_go)
         return Surroundings(terrain, self.rules, self.fiducials, self.registration)
+
+    @cached_property
+    def judgements(self) -> tuple[Judgement, ...]:
+        """How the plan's trajectories were judged, in its order; raises `InputError` without a scan."""
+        return () if self.plan is None else self.surroundings.judge_all(self.plan)
 
 
 def read_case(

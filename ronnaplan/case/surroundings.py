@@ -198,7 +198,7 @@ class Surroundings:
         return known is not None and known.serves(trajectory, plan, rough)
 
     def judge_all(self, plan: Plan) -> tuple[Judgement, ...]:
-        """Judge all trajectories of a plan, in its order; `judge` then has them ready."""
+        """Judge all trajectories of a plan, in its order; what was measured of each is kept."""
         return tuple(self.judge(one, plan) for one in plan.trajectories)
 
     def propose(

@@ -31,7 +31,7 @@ def run_check(arguments: argparse.Namespace) -> int:
 
     case = read_named_case(arguments)
     assert case.plan is not None
-    judged = case.surroundings.judge_all(case.plan)
+    judged = case.judgements
     for one in judged:
         if one.problem:
             raise InputError(one.problem)

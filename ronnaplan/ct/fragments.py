@@ -41,10 +41,9 @@ def frame_fragments(blob: Blob, pixels: PixelFormat) -> list[tuple[Fragment, ...
         return [tuple(fragments)]
     places = {offset - fragments[0][0]: number for number, (offset, _) in enumerate(fragments)}
     starts = [places.get(place, -1) for place in table]  # it counts from the first fragment's item
-    if len(fragments) == pixels.frames and sorted(starts) != list(range(pixels.frames)):
-        return [
-            (fragment,) for fragment in fragments
-        ]  # which need no table; one in another order is refused below
+    has_whole_table = sorted(starts) == list(range(pixels.frames))  # in another order it is refused below
+    if len(fragments) == pixels.frames and not has_whole_table:  # one fragment each, which need no table
+        return [(fragment,) for fragment in fragments]
     if not table:
         starts = [k for k, (offset, _) in enumerate(fragments) if read(offset, 4).startswith(_IMAGE_STARTS)]
     return _grouped(fragments, starts, pixels.frames)

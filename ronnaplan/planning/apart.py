@@ -9,7 +9,7 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning.segments import segment_distances
-from ronnaplan.planning.trajectory import Trajectory
+from ronnaplan.planning.trajectory import Trajectory, ends_mm
 
 ROUNDING_MM = 1e-6
 """A distance differs by less when it is measured from the other trajectory."""
@@ -36,12 +36,8 @@ def _measured(trajectory: Trajectory, beside: Sequence[Trajectory]) -> tuple[Flo
     """Return distances, clearances and depths (N,) of a trajectory to others, of all at once: there may be hundreds."""
     for one in beside:
         trajectory.frame.require(one.frame)
-    distances, shares = segment_distances(
-        trajectory.entry_mm,
-        trajectory.target_mm,
-        np.array([one.entry_mm for one in beside]).reshape(-1, 3),
-        np.array([one.target_mm for one in beside]).reshape(-1, 3),
-    )
+    ends = ends_mm(beside)
+    distances, shares = segment_distances(trajectory.entry_mm, trajectory.target_mm, ends[:, 0], ends[:, 1])
     clearances = distances - trajectory.instrument.radius_mm - [one.instrument.radius_mm for one in beside]
     return distances, clearances, shares * trajectory.length_mm
 

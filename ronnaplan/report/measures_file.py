@@ -41,7 +41,7 @@ def measures_csv(case: Case, name: str) -> str:
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(HEADER)
     uid = plain_text(case.plan.frame.uid or "")
-    for one, judged in zip(case.plan.trajectories, case.surroundings.judge_all(case.plan), strict=True):
+    for one, judged in zip(case.plan.trajectories, case.judgements, strict=True):
         remarks = plain_text("; ".join((*_remarks(judged), *case.surroundings.doubts)))
         named = (plain_text(name), plain_text(one.name))
         writer.writerow((*named, *map(_cell, _values(judged.measures)), _verdict(judged), remarks, uid))

@@ -85,8 +85,8 @@ def overview_part(case: Case, seen: View | None, *, turns: bool) -> Part:
     if case.plan is not None and case.volume is not None and case.plan.trajectories:
         shown = told_apart(one.name for one in case.plan.trajectories)
         rows = [
-            _row(case.surroundings.judge(one, case.plan), shown[one.name], one.length_mm)
-            for one in case.plan.trajectories
+            _row(judged, shown[one.name], one.length_mm)
+            for one, judged in zip(case.plan.trajectories, case.judgements, strict=True)
         ]
         body.append(table(HEADER, [UNITS, *rows]))
         if case.plan.landmarks is not None:

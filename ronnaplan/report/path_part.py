@@ -55,8 +55,8 @@ def paths_part(case: Case) -> Part:
         return Part(TITLE, [table(ENDS, map(_ends, case.plan.trajectories))])
     pieces: list[str] = []
     part = Part(TITLE, pieces, list(case.surroundings.doubts))
-    judgements, told = case.surroundings.judge_all(case.plan), set[frozenset[str]]()
-    for trajectory, judged in zip(case.plan.trajectories, judgements, strict=True):
+    told: set[frozenset[str]] = set()
+    for trajectory, judged in zip(case.plan.trajectories, case.judgements, strict=True):
         body, look = [element("h3", isolated(trajectory.name))], "path"
         if judged.problem:
             part.warnings.append(f"trajectory {trajectory.name} could not be judged: {judged.problem}")
@@ -69,8 +69,8 @@ def paths_part(case: Case) -> Part:
             part.warnings.extend(f"trajectory {trajectory.name}: {doubt}" for doubt in judged.doubts)
             part.warnings.extend(map(_fault, faults(judged.measures, judged.broken, told)))
         pieces.append(f'<div class="{look}">{"".join(body)}</div>')
-    measured = [judged.measures for judged in judgements if judged.measures is not None]
-    verdicts = [verdict for judged in judgements for verdict in judged.verdicts]
+    measured = [judged.measures for judged in case.judgements if judged.measures is not None]
+    verdicts = [verdict for judged in case.judgements for verdict in judged.verdicts]
     pieces.append(unseen("measures", measures_document(case.plan, measured, verdicts)))
     return part
 
