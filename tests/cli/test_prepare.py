@@ -61,11 +61,17 @@ print(json.dumps(compiled()))
 """
 
 
+def prepared_and_others(code: str) -> tuple[dict[str, list[str]], dict[str, list[str]]]:
+    """What ``code`` tells as compiled before, by kernel, and what of it was compiled after, or for other values."""
+    found = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    prepared, after = json.loads(found.stdout)
+    return prepared, {name: kinds for name, kinds in after.items() if kinds != prepared.get(name, [])}
+
+
 def test_after_prepare_any_number_of_markers_is_paired_without_compiling() -> None:
     """The first registration of more than 16 points compiled for 20 s."""
-    found = subprocess.run([sys.executable, "-c", PAIRED], cwd=ROOT, capture_output=True, text=True, check=True)
-    prepared, paired = json.loads(found.stdout)
-    assert {name: kinds for name, kinds in paired.items() if kinds != prepared.get(name, [])} == {}
+    prepared, others = prepared_and_others(PAIRED)
+    assert others == {}
     assert prepared["ronnaplan.correspondence.seeds.poses_of_seeds"]
 
 
@@ -92,9 +98,8 @@ print(json.dumps([prepared, compiled()]))
 
 
 def test_after_prepare_a_place_for_the_robot_is_found_without_compiling() -> None:
-    found = subprocess.run([sys.executable, "-c", PLACED], cwd=ROOT, capture_output=True, text=True, check=True)
-    prepared, placed = json.loads(found.stdout)
-    assert {name: kinds for name, kinds in placed.items() if kinds != prepared.get(name, [])} == {}
+    prepared, others = prepared_and_others(PLACED)
+    assert others == {}
     assert any("judge_base" in name for name in prepared)
 
 
@@ -114,9 +119,8 @@ print(json.dumps([prepared, compiled()]))
 
 
 def test_after_prepare_a_sphere_before_cameras_is_found_without_compiling() -> None:
-    found = subprocess.run([sys.executable, "-c", SEEN], cwd=ROOT, capture_output=True, text=True, check=True)
-    prepared, seen = json.loads(found.stdout)
-    assert {name: kinds for name, kinds in seen.items() if kinds != prepared.get(name, [])} == {}
+    prepared, others = prepared_and_others(SEEN)
+    assert others == {}
     assert prepared["ronnaplan.robot.shading_compiled.equations"]
 
 
