@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -109,6 +109,10 @@ class Examined:
     def profile_mm(self) -> float:
         """Full width at half maximum of the fitted slice profile."""
         return profile_fwhm_mm(self.parameters)
+
+
+Examine = Callable[[Scan, Sequence[tuple[FloatArray, float]]], list[Examined]]
+"""Fits and judges a ball at each place (3,) of a scan, for the diameter in mm that is wanted there."""
 
 
 def examine(

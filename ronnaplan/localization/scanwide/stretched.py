@@ -19,7 +19,7 @@ import numpy as np
 
 from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.examine import Examined, distinct
+from ronnaplan.localization.examine import Examine, Examined, distinct
 from ronnaplan.localization.fit.parameters import W
 from ronnaplan.localization.judge.motion import LEAST_TOGETHER
 from ronnaplan.localization.scanner.scan import Scan
@@ -50,9 +50,6 @@ EGG_SHARE, EGG_COUNT = 0.003, 3
 
 LEAST_SQUARE = 1e-9
 """Of a semi-axis, of which a logarithm is taken: medians of shapes that are unlike need not be an ellipsoid's."""
-
-Examine = Callable[[Scan, Sequence[tuple[FloatArray, float]]], list[Examined]]
-"""Fits and judges a ball at each place (3,) of a scan, for the diameter in mm that is wanted there."""
 
 
 @dataclass(frozen=True)

@@ -13,14 +13,13 @@ the noise alone tells, before anything is looked for: with it fits begin far off
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ronnaplan.ct.volume import CTVolume
-from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.examine import Examined, distinct
+from ronnaplan.localization.examine import Examine, Examined, distinct
 from ronnaplan.localization.fit.parameters import WIDTH
 from ronnaplan.localization.judge.motion import LEAST_TOGETHER
 from ronnaplan.localization.scanner.scan import Scan
@@ -38,9 +37,6 @@ TOO_THICK = 2.0
 
 PAIRS, NOISE_ENDS = 16, 5.0
 """So many pairs of slices tell how alike noise is, by what differs by less than this many medians of what differs."""
-
-Examine = Callable[[Scan, Sequence[tuple[FloatArray, float]]], list[Examined]]
-"""Fits and judges a ball at each place (3,) of a scan, for the diameter in mm that is wanted there."""
 
 
 def as_thick(scan: Scan, examined: Sequence[Examined], examine: Examine) -> Scan:
