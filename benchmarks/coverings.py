@@ -23,7 +23,7 @@ from phantoms.errors import PhantomError
 from phantoms.patients import random_patient
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.scanner.scan import Scan
-from ronnaplan.localization.scanwide.together import moved
+from ronnaplan.localization.scanwide.moving import moved
 from ronnaplan.report.tables import align
 
 FIRST_UNSEEN = 53000

@@ -15,8 +15,9 @@ from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import Examined, distinct, examine, examine_place
 from ronnaplan.localization.scanner.scan import Scan, Slant
 from ronnaplan.localization.scanwide.logarithm import summed_seen
+from ronnaplan.localization.scanwide.moving import moved
 from ronnaplan.localization.scanwide.slant import slant_seen
-from ronnaplan.localization.scanwide.together import moved, together
+from ronnaplan.localization.scanwide.together import together
 from ronnaplan.localization.scanwide.usual import alike, by_the_usual
 
 FOUND_WITHIN_MM = 1.0

@@ -176,6 +176,11 @@ def rms_mm(covariances_mm2: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.trace(covariances_mm2, axis1=-2, axis2=-1)))
 
 
+def robust_spread(values: FloatArray) -> float:
+    """Standard deviation of ``values`` (N,) by their median absolute deviation: a minority does not disturb it."""
+    return SD_PER_DEVIATION * float(np.median(np.abs(values - np.median(values))))
+
+
 def require_sigma(sigma_mm: float, name: str) -> None:
     """Raise `InputError` unless ``sigma_mm`` is a standard deviation per axis: zero or more, and in mm.
 

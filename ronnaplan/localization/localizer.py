@@ -36,10 +36,11 @@ from ronnaplan.localization.judge.motion import LEAST_TOGETHER
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanner.summed import UNTOLD
 from ronnaplan.localization.scanwide.logarithm import as_summed
+from ronnaplan.localization.scanwide.moving import moved
 from ronnaplan.localization.scanwide.slant import along_the_blur
 from ronnaplan.localization.scanwide.stretched import distortion, markers_tell
 from ronnaplan.localization.scanwide.thick import as_thick, as_thin
-from ronnaplan.localization.scanwide.together import moved, sized, together
+from ronnaplan.localization.scanwide.together import sized, together
 from ronnaplan.localization.scanwide.usual import alike, by_the_usual, usual_profiles_mm
 from ronnaplan.localization.size import proposal, sizes_seen
 from ronnaplan.localization.template import Template, distance_error_mm, match_template

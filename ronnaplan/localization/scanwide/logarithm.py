@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ronnaplan.geometry import robust_spread
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import Examined, distinct, fit_place
 from ronnaplan.localization.fit.descent import residuals_and_jacobian
@@ -21,7 +22,6 @@ from ronnaplan.localization.judge.motion import LEAST_TOGETHER
 from ronnaplan.localization.scanner.hardened import Head
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanner.summed import ALIKE_VOXELS, Summed, what_is_lost_hu
-from ronnaplan.localization.scanwide.usual_errors import robust_spread
 from ronnaplan.threads import in_threads, single_threaded_algebra
 
 THICK_MM = 1.2

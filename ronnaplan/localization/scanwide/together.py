@@ -1,4 +1,4 @@
-"""What a scan's markers say together of each one's error: bending, lag, size and coverings, and whether they moved."""
+"""What a scan's markers say together of each one's error: how outlines are bent, panels lag and sizes scatter."""
 
 from __future__ import annotations
 
@@ -8,25 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import FloatArray, robust_spread
 from ronnaplan.localization.build import SIZE_TOLERANCE_MM, is_off_size
 from ronnaplan.localization.examine import Examined, distinct, same_places
 from ronnaplan.localization.fit.parameters import BLUR, EDGE, WIDTH, W, edge_variance_mm2
-from ronnaplan.localization.judge.motion import LEAST_TOGETHER
-from ronnaplan.localization.judge.uncertainty import ASIDE, MOST_ASIDE, by_panel
+from ronnaplan.localization.judge.motion import LEAST_TOGETHER, Movement
+from ronnaplan.localization.judge.uncertainty import ASIDE, LAG_MM, MOST_ASIDE, WEIGHTS, WITHIN, by_panel
 from ronnaplan.localization.scanner.beat import DISPLACED_SHARE
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanner.summed import slope_beside_per_mm
-from ronnaplan.localization.scanwide.moving import suspected
-from ronnaplan.localization.scanwide.smear import are_smeared
 from ronnaplan.localization.scanwide.usual import usual_misfit
-from ronnaplan.localization.scanwide.usual_errors import (
-    beyond_usual_mm,
-    robust_spread,
-    usual_odd_mm2,
-    with_usual,
-    with_usual_lag,
-)
 
 LOWEST_CUTOFF_PER_MM = 0.6
 """No kernel passes nothing above so low a frequency: the softest of scanners end at 0.7 / mm. What is wrapped around
@@ -38,16 +29,15 @@ robust one of the variance of their edges' blur, and the usual misfit. Balls mad
 differ in size (by 0.1 mm) but not in blur (0.01 mm^2); kernels that are far from the model's are fitted now one way,
 now the other (0.04 mm^2), but closely (0.01). What lies on them in lumps does all (0.04 to 0.2 mm and mm^2, 0.03)."""
 
+MEDIAN_SHARE = 0.69
+"""Median of a mean square of few normal values, as a share of its expectation (of two: ln 2)."""
 
-def moved(scan: Scan, markers: Sequence[Examined]) -> list[bool]:
-    """Whether each marker of a scan is suspected to have moved while it was made."""
-    in_cubes = scan.volume.grid.is_in_cubes
-    movements = [one.movement for one in markers if one.movement is not None]
-    smeared = in_cubes and are_smeared(
-        np.array([scan.axes @ one.center_mm for one in markers]).reshape(-1, 3),
-        np.array([scan.axes @ one.blur_mm2 @ scan.axes.T for one in markers]).reshape(-1, 3, 3),
-    )
-    return [smeared or one for one in suspected(movements, in_cubes=in_cubes)]
+NEAR = 5
+"""So many markers of a cone beam, those nearest in height, tell what is usual at their height."""
+
+UNUSUAL = 3.0
+"""A diameter is unlike the others' where it is off their median by so many of their own standard deviations, or larger
+than the smallest third by so many standard errors: it is told about as well as a center along one axis."""
 
 
 def sized(markers: Sequence[Examined], others: Sequence[Examined]) -> list[Examined]:
@@ -164,3 +154,63 @@ def _beyond_usual_mm(markers: Sequence[Examined]) -> FloatArray:
         alike = stated_mm == diameter
         beyond_mm[alike] = beyond_usual_mm(excesses_mm[alike], errors_mm[alike])
     return beyond_mm
+
+
+def usual_odd_mm2(movements: Sequence[Movement], heights_mm: FloatArray | None = None) -> FloatArray | None:
+    """What is usual in a scan of `Movement.odd_mm2`, (M, 3); None where there are fewer than `LEAST_TOGETHER` markers.
+
+    Cone beams bend what stands higher or lower more: where ``heights_mm`` (M,) are given and those nearest show more,
+    that is usual there.
+    """
+    if len(movements) < LEAST_TOGETHER:
+        return None
+    odd_mm2 = np.array([moved.odd_mm2 for moved in movements])
+    usual_mm2 = np.tile(np.median(odd_mm2, axis=0) / MEDIAN_SHARE, (len(movements), 1))
+    if heights_mm is None:
+        return usual_mm2
+    nearest = np.argsort(np.abs(heights_mm[:, np.newaxis] - heights_mm), axis=1)[:, :NEAR]
+    most_mm2: FloatArray = np.maximum(usual_mm2, odd_mm2[nearest].mean(axis=1))
+    return most_mm2
+
+
+def with_usual(covariance_mm2: FloatArray, moved: Movement, usual_mm2: FloatArray, axes: FloatArray) -> FloatArray:
+    """Return the covariance (3, 3) with the mean of its own odd bending and the usual (3,) in place of its own.
+
+    Two to four amplitudes a marker tell little alone. ``axes`` (3, 3) are u, v, w in LPS.
+    """
+    change = WEIGHTS["odd"] * (usual_mm2 - moved.odd_mm2) / 2.0
+    pooled: FloatArray = covariance_mm2 + axes.T @ np.diag(change) @ axes
+    return pooled
+
+
+def with_usual_lag(covariance_mm2: FloatArray, theta: FloatArray, usual: float, axes: FloatArray) -> FloatArray:
+    """Return the covariance (3, 3) with what lag adds where the scan's markers are usually blurred by a panel.
+
+    ``usual`` is the median of `by_panel`. Slices that are thin beside the blur tell little of their profile's shape.
+    """
+    more = max(usual - by_panel(theta), 0.0)
+    added: FloatArray = covariance_mm2 + LAG_MM**2 * more * axes.T @ WITHIN @ axes
+    return added
+
+
+def beyond_usual_mm(excesses_mm: FloatArray, errors_mm: FloatArray) -> FloatArray:
+    """By how much each diameter (M,) is off what the scan's markers have in common; 0 where that is no more than usual.
+
+    A scanner's kernel makes all of them alike, to a few micrometres in thin slices, so this tells a film that is too
+    thin to make a marker's diameter another than the stated one. What does make it so, is counted already. Films only
+    add: what is larger than the smallest third by more than ``errors_mm`` (M,) tell, the errors of the centers along
+    one axis, is not bare, however many there are of it. Where most are off the stated diameter, the others are not
+    believed either.
+    """
+    plain = np.abs(excesses_mm) <= SIZE_TOLERANCE_MM
+    if len(plain) >= LEAST_TOGETHER and 2 * np.count_nonzero(plain) <= len(plain):
+        return np.where(plain, excesses_mm, 0.0)
+    if np.count_nonzero(plain) < LEAST_TOGETHER:
+        return np.zeros(len(plain))
+    apart_mm = np.where(plain, excesses_mm - np.median(excesses_mm[plain]), 0.0)
+    usual_mm = UNUSUAL * robust_spread(apart_mm[plain])
+    apart_mm[np.abs(apart_mm) <= min(usual_mm, SIZE_TOLERANCE_MM)] = 0.0
+    bare = max((int(plain.sum()) - 1) // 3, 1)  # not the very smallest, which noise may have made so
+    larger_mm = np.where(plain, excesses_mm - np.sort(excesses_mm[plain])[bare], 0.0)
+    larger_mm[larger_mm <= UNUSUAL * np.median(errors_mm[plain])] = 0.0
+    return np.where(apart_mm == 0.0, larger_mm, apart_mm)

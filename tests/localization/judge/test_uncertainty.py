@@ -35,7 +35,7 @@ from ronnaplan.localization.judge.uncertainty import (
     shared_noise,
 )
 from ronnaplan.localization.scanner.scan import Scan
-from ronnaplan.localization.scanwide.usual_errors import MEDIAN_SHARE, usual_odd_mm2, with_usual
+from ronnaplan.localization.scanwide.together import MEDIAN_SHARE, usual_odd_mm2, with_usual
 from ronnaplan.localization.search.look import held_by
 from tests.scans import balls, bent, scan, small_stack
 

@@ -9,7 +9,7 @@ import pytest
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import FiducialFlag, localize
-from ronnaplan.localization.scanwide.smear import are_smeared
+from ronnaplan.localization.scanwide.moving import are_smeared
 from tests.scans import balls, scan, small_stack
 
 ROUND = np.diag([0.1, 0.1, 0.08])

@@ -10,8 +10,7 @@ import pytest
 from ronnaplan.localization.examine import Examined
 from ronnaplan.localization.judge.uncertainty import LAG_MM
 from ronnaplan.localization.scanner.scan import Scan
-from ronnaplan.localization.scanwide.together import sized, together
-from ronnaplan.localization.scanwide.usual_errors import beyond_usual_mm
+from ronnaplan.localization.scanwide.together import beyond_usual_mm, sized, together
 from tests.localization.scanwide.shown import at
 
 
