@@ -28,6 +28,12 @@ SYMMETRY_TOLERANCE = 1e-6
 SD_PER_DEVIATION = 1.4826
 """Standard deviation of normal errors, as a multiple of the median of their absolute deviations."""
 
+LPS_FROM_RAS = np.array([-1.0, -1.0, 1.0])
+"""RAS and LPS differ in the sign of the first two axes, either way."""
+
+MIRROR = np.array([-1.0, 1.0, 1.0])
+"""Turns points into their mirror image."""
+
 LONGEST_LABELS = 100
 """Characters of points' labels in the line that names the points."""
 

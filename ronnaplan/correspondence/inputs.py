@@ -15,15 +15,12 @@ from ronnaplan.bounds import LARGEST_SIGMA_MM, SMALLEST_SIGMA_MM
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.told import LEAST_PAIRS, Told
 from ronnaplan.errors import InputError, check_type
-from ronnaplan.geometry import FloatArray, as_numbers, as_points
+from ronnaplan.geometry import MIRROR, FloatArray, as_numbers, as_points
 from ronnaplan.rigid import require_millimetres
 
 MOST_POINTS = 10_000
 """Eight times what a tracker sees in a frame. The distances of so many take a gigabyte; the kernels number points in 16
 bits, up to 32,767."""
-
-MIRROR = np.array([-1.0, 1.0, 1.0])
-"""Turns points into their mirror image."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,11 +23,11 @@ from ronnaplan.correspondence.evidence import (
 )
 from ronnaplan.correspondence.exact import LISTED_NATS
 from ronnaplan.correspondence.graph import distances
-from ronnaplan.correspondence.inputs import MIRROR, check_probability, checked_points
+from ronnaplan.correspondence.inputs import check_probability, checked_points
 from ronnaplan.correspondence.pairing import LEAST_PROBABILITY, IntArray
 from ronnaplan.correspondence.rivals import LEAST_REGULAR
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, require_sigma
+from ronnaplan.geometry import MIRROR, FloatArray, require_sigma
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 
 MOST_LAYOUT_POINTS = 32

@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.correspondence.inputs import MIRROR, ErrorModel
+from ronnaplan.correspondence.inputs import ErrorModel
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.told import Told
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import MIRROR, FloatArray
 from ronnaplan.pose import transform_points
 from ronnaplan.rigid import fit_closed_form
 

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.extras import library_of_arrays
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import LPS_FROM_RAS, FloatArray
 
 Values = NDArray[Any]
 
-RAS_FROM_LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
 LARGEST_SHEAR = 1e-4
 """Cosine between two directions of a grid that other libraries still take for a right angle (0.006 degrees)."""
 
@@ -55,7 +54,9 @@ def to_nibabel(values: Values, affine: FloatArray) -> Any:
     """Return a nibabel NIfTI-1 image, (i, j, k) in RAS mm as that library has it; needs nibabel."""
     nibabel = library_of_arrays("nibabel")
     of_ijk = affine[:, [2, 1, 0, 3]]
-    return nibabel.Nifti1Image(np.ascontiguousarray(values.transpose(2, 1, 0)), RAS_FROM_LPS @ of_ijk)
+    return nibabel.Nifti1Image(
+        np.ascontiguousarray(values.transpose(2, 1, 0)), np.diag([*LPS_FROM_RAS, 1.0]) @ of_ijk
+    )
 
 
 def to_pyvista(values: Values, affine: FloatArray, name: str) -> Any:

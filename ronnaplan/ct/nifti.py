@@ -20,7 +20,7 @@ from ronnaplan.ct.image_header import (
     scaled,
 )
 from ronnaplan.ct.limits import Limits
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import LPS_FROM_RAS, FloatArray
 
 QUATERNION_ROUNDING: Final = 2.0**-22
 """Of the sum of squares of three float32 numbers near 1: beyond 1 by more is no unit quaternion."""
@@ -30,7 +30,6 @@ _SPACES: Final = frozenset({0, 1, 2})
 """Codes of ``qform_code`` and ``sform_code``: none, the scanner's space, and a space aligned with another scan's."""
 _PLAIN: Final = frozenset({0, 1001, 1002})
 """Codes of ``intent_code``: values as they are, an estimate, labels. Others are statistics, vectors, matrices."""
-_LPS_FROM_RAS: Final = np.diag([-1.0, -1.0, 1.0, 1.0])
 _TYPES: Final = {
     **{2: "u1", 256: "i1", 4: "i2", 512: "u2", 8: "i4", 768: "u4"},
     **{1024: "i8", 1280: "u8", 16: "f4", 64: "f8"},
@@ -125,7 +124,7 @@ def nifti_header(path: Path, stream: BinaryIO, limits: Limits) -> ImageHeader:
     return ImageHeader(
         shape,
         _dtype(order, *fields["datatype"], *fields["bitpix"]),
-        _LPS_FROM_RAS @ _ras_from_index(fields, shape),
+        np.diag([*LPS_FROM_RAS, 1.0]) @ _ras_from_index(fields, shape),
         StoredVoxels(path, 0, encoding, skip=int(offset)),
         *scaled(slope, intercept),
     )

@@ -14,13 +14,13 @@ from ronnaplan.documents.files import TABLE_ENDINGS
 from ronnaplan.documents.markups import LPS_AXES, MARKUPS_ENDINGS, SCHEMA
 from ronnaplan.documents.reading import plain_json
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, Frame
+from ronnaplan.geometry import LPS_FROM_RAS, FloatArray, Frame
 from ronnaplan.planning.electrodes import electrode_named
 from ronnaplan.planning.plan import Plan
 from ronnaplan.planning.trajectory import Instrument, Trajectory, instrument_named
 from ronnaplan.text import BLANKS
 from ronnaplan.tracking.cells import number, plain_text, unescaped
-from ronnaplan.tracking.slicer import LINE, LPS_FROM_RAS, Markup, read_markups_file
+from ronnaplan.tracking.slicer import LINE, Markup, read_markups_file
 from ronnaplan.tracking.tables import read_rows, require_table
 
 SYSTEMS = ("LPS", "RAS")

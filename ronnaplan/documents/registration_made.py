@@ -11,11 +11,10 @@ from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.reading import made
 from ronnaplan.documents.registration import RegistrationDocument, TargetEntry
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, Points
+from ronnaplan.geometry import LPS_FROM_RAS, FloatArray, Points
 from ronnaplan.registration.diagnosis import doubted_marker, leave_one_out
 from ronnaplan.registration.marker_registration import MarkerRegistration
 from ronnaplan.registration.registration import Registration
-from ronnaplan.tracking.slicer import LPS_FROM_RAS
 
 SAME_PLACE_MM = 1e-3
 """No tracker reads every marker so near to its coordinates in the scan; tables of them have three digits or more."""

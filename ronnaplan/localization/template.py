@@ -8,16 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ronnaplan.errors import RefusedError
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import MIRROR, FloatArray
 from ronnaplan.localization.fiducials import Fiducial, Rejected
 from ronnaplan.rigid import fit_closed_form
 
 DISTANCE_TOLERANCE_MM = 0.5
 """Distances in CT and on the drawing agree within this, unless the template says otherwise. (Šuligoj et al. 2018
 measured 0.11 +- 0.10 mm on their phantom.)"""
-
-MIRROR = np.array([-1.0, 1.0, 1.0])
-"""Turns places into their mirror image."""
 
 
 @dataclass(frozen=True)

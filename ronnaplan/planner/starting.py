@@ -7,7 +7,6 @@ import json
 import logging
 import re
 from collections.abc import Awaitable, Callable
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +19,12 @@ from ronnaplan.errors import InputError, RonnaplanError, UsageError
 from ronnaplan.planner.address import Address, needed_place
 from ronnaplan.planner.dropped import Dropped
 from ronnaplan.planner.gate import gate, is_worth_telling
+from ronnaplan.planner.page_files import PAGE
 from ronnaplan.planner.places import Found, Places, rows, series_at
 from ronnaplan.planner.shelves import Shelf, Shelves, keyed
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.text import printable
 
-PAGE = files("ronnaplan.planner") / "page"
 SERVED = {"index.html": "start.html", "start.js": "start.js", "start.css": "start.css"}
 KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ronnaplan.geometry import FloatArray, unit
+from ronnaplan.geometry import LPS_FROM_RAS, FloatArray, unit
 from ronnaplan.planning.landmarks import Landmarks
 
-RAS_IN_LPS = np.diag([-1.0, -1.0, 1.0])
+RAS_IN_LPS = np.diag(LPS_FROM_RAS)
 """Rows right, anterior, superior in LPS: the axes of a frame that sits square to the scanner."""
 
 

@@ -30,6 +30,7 @@ from ronnaplan.tracking.matrix_csv import lacking
 from ronnaplan.tracking.recording import (
     OK,
     OTS,
+    QUATERNION,
     PointReading,
     Recording,
     ToolReading,
@@ -44,18 +45,17 @@ from ronnaplan.tracking.tables import (
     require_table,
 )
 
-QUATERNION_NAMES = ("q0", "qx", "qy", "qz")
 KINDS = ("point", "tool")
 NOT_STATED = MISSING - {"nan"}
 """Cells that state no error. NaN does: what was to estimate it failed."""
 COLUMNS = (
-    *("kind", "frame", "time_s", "label", "x", "y", "z", "q0", "qx", "qy", "qz"),
-    *("sigma", "error_mm", "status"),
+    *("kind", "frame", "time_s", "label", "x", "y", "z"),
+    *(*QUATERNION, "sigma", "error_mm", "status"),
 )
 KNOWN_COLUMNS = frozenset(
     {
         *("kind", "frame", "time", "x", "y", "z", "sigma", "error"),
-        *(*QUATERNION_NAMES, *POINT_NAMES, *SYSTEM_COLUMNS, *SEEN_COLUMNS),
+        *(*QUATERNION, *POINT_NAMES, *SYSTEM_COLUMNS, *SEEN_COLUMNS),
     }
 )
 LONGEST_FRAME_NAME = 64
@@ -78,9 +78,9 @@ def read_csv(path: Path) -> Recording:
     require_table(path, header, rows)
     cells = [dict(zip(header, row, strict=False)) for row in rows]
     frame = _coordinate_frame(path, cells, delimiter)
-    poses = {
-        _name(row, TOOL_NAMES) for row in cells if any(row.get(name, "").strip() for name in QUATERNION_NAMES)
-    } - {""}
+    poses = {_name(row, TOOL_NAMES) for row in cells if any(row.get(name, "").strip() for name in QUATERNION)} - {
+        ""
+    }
     numbered = any(number(row.get("frame", ""), delimiter) is not None for row in cells)
     points: list[PointReading] = []
     tools: list[ToolReading] = []
@@ -111,10 +111,10 @@ def _require_columns(path: Path, header: list[str]) -> None:
             f"{path} has columns {', '.join(header[:MOST_COLUMNS])} but no {', '.join(of_matrix or missing)}; "
             f"expected {expected}"
         )
-    parts = [name for name in QUATERNION_NAMES if name in header]
-    if parts and len(parts) < len(QUATERNION_NAMES):
+    parts = [name for name in QUATERNION if name in header]
+    if parts and len(parts) < len(QUATERNION):
         raise InputError(
-            f"{path} has {', '.join(parts)} of a quaternion; expected all of {', '.join(QUATERNION_NAMES)}, q0 (or qw) "
+            f"{path} has {', '.join(parts)} of a quaternion; expected all of {', '.join(QUATERNION)}, q0 (or qw) "
             "its scalar"
         )
     unknown = [name for name in header if name.startswith("sigma") and name != "sigma"]
@@ -159,8 +159,8 @@ def _reading(path: Path, row: Mapping[str, str], delimiter: str, poses: Set[str]
     kind = row.get("kind", "").strip().lower()
     if kind not in ("", *KINDS):
         raise InputError(f"{path} has a row of the kind '{kind}'; expected {' or '.join(KINDS)}")
-    if kind == "tool" or (not kind and (tool in poses or any(row.get(k, "").strip() for k in QUATERNION_NAMES))):
-        matrix = quaternion_pose(np.array([value(name) for name in QUATERNION_NAMES]), position)
+    if kind == "tool" or (not kind and (tool in poses or any(row.get(k, "").strip() for k in QUATERNION))):
+        matrix = quaternion_pose(np.array([value(name) for name in QUATERNION]), position)
         error_mm = number(row.get("error", ""), delimiter)
         if matrix is None and status == OK:
             status = "no pose"

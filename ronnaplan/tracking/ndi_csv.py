@@ -25,10 +25,9 @@ from ronnaplan.tracking.cells import (
     stated_status,
     tool_status,
 )
-from ronnaplan.tracking.recording import OK, PointReading, Recording, ToolReading, quaternion_pose
+from ronnaplan.tracking.recording import OK, QUATERNION, PointReading, Recording, ToolReading, quaternion_pose
 from ronnaplan.tracking.tables import passed_over, read_rows
 
-QUATERNION = ("q0", "qx", "qy", "qz")
 ANGLES = frozenset({"rx", "ry", "rz"})
 ROTATION = ANGLES.union(QUATERNION)
 POSITION = ("tx", "ty", "tz")

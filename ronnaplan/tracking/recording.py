@@ -19,6 +19,8 @@ OK = "ok"
 NO_STATUS = "no status"
 """Status of a reading whose source keeps one and left it empty: that does not call it good."""
 OTS = Frame("OTS")
+QUATERNION = ("q0", "qx", "qy", "qz")
+"""How tables name the columns of a rotation: the scalar first, then the vector."""
 FARTHEST_MM = 1e6
 """No tracker sees a kilometre far: such a position is damage."""
 QUATERNION_TOLERANCE = 1e-2

@@ -11,15 +11,13 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, Frame
+from ronnaplan.geometry import LPS_FROM_RAS, FloatArray, Frame
 from ronnaplan.text import printable
 from ronnaplan.tracking.cells import FALSE, number
 from ronnaplan.tracking.recording import OK, PointReading, Recording
 from ronnaplan.tracking.tables import read_rows, read_text, require_table, split_rows
 from ronnaplan.untrusted import checked, parse_json, read_whole
 
-LPS_FROM_RAS = np.array([-1.0, -1.0, 1.0])
-"""RAS and LPS differ in the sign of the first two axes, either way."""
 SLICER = Frame("LPS")
 """The frame of what Slicer saves. A tracker that streams to it is taken to tell RAS, so that this is not the tracker's:
 x and y have the other sign than in the tracker's own poses."""

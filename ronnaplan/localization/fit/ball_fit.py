@@ -13,7 +13,7 @@ from ronnaplan.localization.fit.algebra import inverse
 from ronnaplan.localization.fit.depth import edge_depth, on_surface
 from ronnaplan.localization.fit.descent import Prior, layer_jacobian, residuals_and_jacobian
 from ronnaplan.localization.fit.directions import Verdict
-from ronnaplan.localization.fit.guess import METAL_HU
+from ronnaplan.localization.fit.guess import METAL_CONTRAST_HU
 from ronnaplan.localization.fit.model import has_streaks
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import BACKGROUND, BLUR, CENTER, CONTRAST, RADIUS
@@ -77,7 +77,7 @@ class BallFit:
     @property
     def may_be_metal(self) -> bool:
         """Whether the ball is metal, or the scale's end hides whether it is."""
-        return not self.is_shaded or (has_streaks(self.theta) and self.contrast_hu > METAL_HU)
+        return not self.is_shaded or (has_streaks(self.theta) and self.contrast_hu > METAL_CONTRAST_HU)
 
     @cached_property
     def is_clipped(self) -> bool:

@@ -48,7 +48,7 @@ SHAPE_PRIOR = (1.0, 1.5)
 SLOPE_PRIOR_PER_MM = 0.01
 """Standard deviation of the background's slope, as a share of the contrast: streaks and cupping reach half of it."""
 
-METAL_HU = 6000.0
+METAL_CONTRAST_HU = 6000.0
 """A ball with more contrast is metal and has streaks; the densest ceramics reach some 5000 HU."""
 
 LAYER_PRIOR = 0.5
@@ -91,7 +91,7 @@ def first_guess(
     high, low = _levels(around, diameter_mm, build)
     contrast = max(high - low, 1.0) * (CLIPPED_START if high >= ceiling_hu else 1.0)
     layer = [-contrast if build.wall_mm else 0.0] if build.layer_mm else []
-    streaks = [0.0] * len(STREAK_PARAMETERS) if contrast > METAL_HU else []
+    streaks = [0.0] * len(STREAK_PARAMETERS) if contrast > METAL_CONTRAST_HU else []
     ball = [0, 0, 0, diameter_mm / 2, TYPICAL_BLUR_MM, 0.0, thickness_mm, SHAPE_PRIOR[0], contrast, low]
     return np.array([*ball, 0, 0, 0, *layer, *streaks], np.float64)
 

@@ -12,7 +12,7 @@ from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.parameters import BACKGROUND, BLUR, RADIUS
-from ronnaplan.localization.scanner.summed import AIR_HU, PADDING_HU, WATER_PER_MM
+from ronnaplan.localization.scanner.summed import NO_LOSS_HU, PADDING_HU, WATER_PER_MM
 
 VIEWS, STEP_MM, APART_MM = 45, 3.0, 0.75
 """Directions in which all else is summed up, in these steps along rays that are so far apart."""
@@ -100,6 +100,6 @@ def _sum_up(
                 i, j = int(column + n * by_column), int(row + n * by_row)
                 if 0 <= i < columns and 0 <= j < rows:
                     value = picture[j, i]
-                    if value - air > AIR_HU - VACUUM_HU and value < PADDING_HU and value != padding:
+                    if value - air > NO_LOSS_HU - VACUUM_HU and value < PADDING_HU and value != padding:
                         total += value - air
             losses[view, s] = total * STEP_MM * WATER_PER_MM / 1000.0

@@ -49,7 +49,7 @@ ANGLES, BESSEL_STEP = 192, 0.05
 ALIKE_VOXELS = 6.0
 """Noise is alike in so many neighbouring voxels, which tell no more than one (5 to 12, by 230 balls of 60 scans)."""
 
-AIR_HU = -850.0
+NO_LOSS_HU = -850.0
 """What is below is air: its noise and its rounding would add up over a picture."""
 
 PADDING_HU = 31000.0
@@ -207,7 +207,7 @@ def _over_distance(picture: Voxels, corner: FloatArray, steps: FloatArray, paddi
         for i in range(picture.shape[1]):
             u, value = corner[0] + i * steps[0], float(picture[j, i])
             distance = math.sqrt(u * u + v * v)
-            if AIR_HU < value < PADDING_HU and value != padding and distance > beside:
+            if NO_LOSS_HU < value < PADDING_HU and value != padding and distance > beside:
                 total += (value + 1000.0) / 1000.0 / distance
     return float(total * steps[0] * steps[1])
 

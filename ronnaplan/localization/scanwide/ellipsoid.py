@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ronnaplan.ct.sampling import sampled
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.cells import CELL_COUNT, cell_directions
+from ronnaplan.localization.fit.directions import BACKGROUND_QUANTILE
 from ronnaplan.localization.scanner.scan import Scan
 
 REACH, STEP = 2.6, 0.1
@@ -27,9 +28,6 @@ its blur, and of a ball that seems flat to the half little of this lies outside.
 CLIPPED_SHARE = 0.7
 """Where the scale clips an ellipsoid, half of its level is at about this share of what is seen of it: balls of ceramic
 and of metal are brighter than the scale's end by 1.1 to 2.5 times."""
-
-BACKGROUND_SHARE = 0.3
-"""The surroundings' level is what this share of the directions fall to at most: something touches most markers."""
 
 CENTERINGS, CENTERED, TRIMMINGS = 3, 0.02, 6
 """So often a center is told anew, unless it stays within this share of the radius, and what does not lie on the
@@ -94,7 +92,7 @@ def _reaches(scan: Scan, center_mm: FloatArray, radius_mm: float) -> tuple[Float
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # beyond the scan nothing is seen
         level_hu = np.nanquantile(values_hu[:, (along >= INNER) & (along <= OUTER)], LEVEL_SHARE)
-        around_hu = np.nanquantile(np.nanmin(values_hu, axis=1), BACKGROUND_SHARE)
+        around_hu = np.nanquantile(np.nanmin(values_hu, axis=1), BACKGROUND_QUANTILE)
     is_clipped = bool(level_hu >= scan.ceiling_hu)
     edge_hu = around_hu + (CLIPPED_SHARE if is_clipped else 0.5) * (level_hu - around_hu)
     is_below = (values_hu < edge_hu) & (along >= INNER)
