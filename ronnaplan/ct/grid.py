@@ -109,6 +109,11 @@ class SliceGrid:
         return float(np.linalg.norm(self.column_step_mm))
 
     @property
+    def steps_mm(self) -> FloatArray:
+        """Distances (2,) between neighbouring columns and rows: along the first two of ``axes``."""
+        return np.array([self.column_spacing_mm, self.row_spacing_mm])
+
+    @property
     def pixel_mm(self) -> float:
         """The larger of the distances between rows and between columns."""
         return max(self.row_spacing_mm, self.column_spacing_mm)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -246,6 +247,11 @@ class CTVolume(Gridded):
 
     name = "CT"
     unit = "HU"
+
+    @property
+    def padding_or_nan_hu(self) -> float:
+        """``padding_hu`` to compare voxels with: NaN, which equals none, where there is no padding."""
+        return math.nan if self.padding_hu is None else float(self.padding_hu)
 
     @property
     def frame(self) -> Frame:

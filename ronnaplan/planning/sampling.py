@@ -38,14 +38,13 @@ class SliceSampler:
     def of(cls, volume: CTVolume) -> SliceSampler:
         """Lay out ``volume``; its voxels are shared, not copied."""
         axes = volume.grid.axes
-        steps = np.array([volume.grid.column_spacing_mm, volume.grid.row_spacing_mm])
         origins = volume.grid.origins_mm @ axes.T
         return cls(
             volume.voxels_hu if volume.voxels_hu.flags.c_contiguous else volume.voxels_hu.copy(),
             axes,
             np.ascontiguousarray(origins[:, :2]),
             np.ascontiguousarray(origins[:, 2]),
-            steps,
+            volume.grid.steps_mm,
         )
 
     def values_hu(self, points_mm: FloatArray) -> FloatArray:

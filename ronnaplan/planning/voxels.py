@@ -34,7 +34,7 @@ def voxels_near(volume: CTVolume, center_mm: FloatArray, reach_mm: float) -> tup
     if first == last:
         return np.empty((0, 3)), np.empty(0)
     origins = grid.origins_mm[first:last] @ axes[:2].T - axes[:2] @ center_mm
-    steps = np.array([grid.column_spacing_mm, grid.row_spacing_mm])
+    steps = grid.steps_mm
     most = np.array(volume.voxels_hu.shape[:0:-1])
     low = np.clip(np.floor((-origins.max(axis=0) - reach_mm) / steps), 0, most).astype(int)
     high = np.clip(np.ceil((-origins.min(axis=0) + reach_mm) / steps) + 1, 0, most).astype(int)

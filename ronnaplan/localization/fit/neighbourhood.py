@@ -68,11 +68,11 @@ def gather(volume: CTVolume, center_mm: FloatArray, reach_mm: float, axes: Float
     places = grid.slice_positions_mm - center_mm @ grid.normal
     first, last = np.searchsorted(places, [-reach_mm, reach_mm])
     origins_uv = grid.origins_mm[first:last] @ grid.axes[:2].T - grid.axes[:2] @ center_mm
-    steps = np.array([grid.column_spacing_mm, grid.row_spacing_mm])
+    steps = grid.steps_mm
     window = _window(-origins_uv / steps, reach_mm / steps, volume.voxels_hu.shape)
-    padding_hu = np.nan if volume.padding_hu is None else float(volume.padding_hu)
     slices, offsets, values = _gather(
-        *(volume.voxels_hu, int(first), origins_uv, places[first:last], steps, window, reach_mm, padding_hu)
+        *(volume.voxels_hu, int(first), origins_uv, places[first:last], steps, window, reach_mm),
+        volume.padding_or_nan_hu,
     )
     floors = np.full(len(values), values.min(initial=np.inf))
     around = Neighbourhood(center_mm, grid.axes, slices, offsets, values, floors, grid.pixel_mm)

@@ -51,8 +51,7 @@ def all_beside(volume: CTVolume, fit: BallFit) -> Beside:
     numbers = np.unique(np.abs(above_mm - wanted_mm[:, np.newaxis]).argmin(axis=1))
     clear_mm = radius_mm + CLEAR_BLURS * float(fit.theta[BLUR])
     places_mm = np.arange(-radius_mm - APART_MM, radius_mm + 2.0 * APART_MM, APART_MM)
-    steps_mm = np.array([grid.column_spacing_mm, grid.row_spacing_mm])
-    padding_hu = np.nan if volume.padding_hu is None else float(volume.padding_hu)
+    steps_mm, padding_hu = grid.steps_mm, volume.padding_or_nan_hu
     around_hu = float(fit.theta[BACKGROUND])
     air_hu = around_hu if around_hu < 0.5 * VACUUM_HU else VACUUM_HU
     losses = np.zeros((len(numbers), VIEWS, len(places_mm)))

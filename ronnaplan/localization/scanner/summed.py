@@ -188,8 +188,7 @@ def _loss(volume: CTVolume, number: int, center_mm: FloatArray, radius_mm: float
     every = max(int(SPARSE_MM / grid.pixel_mm), 1)
     seen_hu = volume.voxels_hu[number, ::every, ::every]
     corner_mm = grid.axes[:2] @ (grid.origins_mm[number] - center_mm)
-    steps_mm = every * np.array([grid.column_spacing_mm, grid.row_spacing_mm])
-    padding_hu = np.nan if volume.padding_hu is None else float(volume.padding_hu)
+    steps_mm, padding_hu = every * grid.steps_mm, volume.padding_or_nan_hu
     beside_mm = BESIDE * radius_mm + BESIDE_MM
     return WATER_PER_MM / math.pi * _over_distance(seen_hu, corner_mm, steps_mm, padding_hu, beside_mm)
 
