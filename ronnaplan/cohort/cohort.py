@@ -65,10 +65,13 @@ def run_cohort(
     """Find the markers of every series below ``roots``; results, tables and page go to the folder ``out``.
 
     Without ``list_roots`` the series are those of the last listing; ``again`` tries once more what was set aside.
-    Raises `InputError` for a root that is not there, holds no images, is ``out`` or lies below another, a folder that
-    another run has, that nobody can write in or whose index is damaged, no last listing, or none of
-    a root that is named, a scheduler that is lost, and before all that where a package of the extra ``cohort`` is not
-    installed.
+    Raises `InputError` where
+
+    - a package of the extra ``cohort`` is not installed;
+    - a root is not there, holds no images, is ``out``, or lies below another one;
+    - another run has ``out``, nobody can write in it, or its index is damaged;
+    - there is no last listing, or none of a root that is named;
+    - the scheduler is lost.
     """
     require_packages("a cohort", "cohort", "distributed", "pyarrow", "fsspec")
     from ronnaplan.cohort.page import write_page

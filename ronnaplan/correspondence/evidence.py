@@ -9,11 +9,11 @@ maximum-likelihood fit), the evidence relative to "nothing pairs" is
     log E = (k-1) ln V - ln 8 pi^2 + (3 - 3k/2) ln 2 pi
             - 3/2 sum ln c - 3/2 ln W - 1/2 ln det J + ln misfit(chi^2) + 3/2 (k-1) - S / (2 spread^2)
 
-with c the variance per axis of a pair's difference, W = sum 1/c, J the information on the rotation, and S the
-scatter of the paired CT points about their centroid: among pairings of one size, those whose markers lie
-together as on a head (normal about a center, ``spread`` per axis) are more probable beforehand.  ``misfit`` is
-s^(6 - 3k) exp(-chi^2 / 2 s^2) integrated over the scale s of the true errors in terms of the stated ones
-(`SCALES`): the noise is inferred with the pairing.
+with c the variance per axis of a pair's difference, W = sum 1/c, J the information on the rotation, and S the scatter
+of the paired CT points about their centroid. S counts because, among pairings of one size, those whose markers lie
+together as on a head (normal about a center, ``spread`` per axis) are more probable beforehand. ``misfit`` is
+s^(6 - 3k) exp(-chi^2 / 2 s^2) integrated over the scale s of the true errors in terms of the stated ones (`SCALES`):
+the noise is inferred with the pairing.
 
 The expected E of a false pairing is 1 at most.  So the pairings that a search leaves out because two of their pairs
 differ too much in their distance weigh, as an expectation, at most their prior times the probability that a true one

@@ -1,7 +1,7 @@
 """Whether values can be Hounsfield units of something in air: what a header says wrongly of their scale shows in them.
 
-A rescale that was applied twice, or never, one with a wrong sign or factor, and a lost sign of the stored values leave
-a picture that looks the same in a window of its own, but in which markers are not found, or other things are taken for
+A rescale may have been applied twice, or never, or have a wrong sign or factor; stored values may have lost their sign.
+The picture looks the same then, in a window of its own. But markers are not found in it, or other things are taken for
 air. A crop, or a phantom of foam, may look so, too: it is flagged, never refused.
 """
 

@@ -130,20 +130,20 @@ class Rejected:
 
 @dataclass(frozen=True, eq=False)
 class Resolution:
-    """How sharp a scan's markers look, the middle of them, beside what its header says.
-
-    ``blur_mm`` is the standard deviation within the slices, ``profile_mm`` the slice profile's full width at half
-    maximum, ``shape`` the profile's (0 a box, from 4 on a bell), ``stated_mm`` the header's slice thickness, if any,
-    ``profile_axis`` the unit vector (3,) in LPS along which the profile blurs, where that is not the slices' normal,
-    ``summed_first`` whether rays were summed before the logarithm, which is made good; None where nothing tells.
-    """
+    """How sharp a scan's markers look, the middle of them, beside what its header says."""
 
     blur_mm: float
+    """Standard deviation of the blur within the slices."""
     profile_mm: float
+    """Full width at half maximum of the slice profile."""
     shape: float
+    """The profile's shape: 0 a box, from 4 on a bell."""
     stated_mm: float | None
+    """The header's slice thickness, if it has one."""
     profile_axis: FloatArray | None = None
+    """Unit vector (3,) in LPS along which the profile blurs; None where that is the slices' normal."""
     summed_first: bool | None = None
+    """Whether rays were summed before the logarithm, which is made good; None where nothing tells."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

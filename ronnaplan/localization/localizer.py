@@ -2,9 +2,10 @@
 
 1. Slices that were computed are left out (`measured`), grey values are brought to HU (`hounsfield`), and a tag that
    says far too much of the slices' thickness is left out, too (`thick`).
-2. Each candidate is detected, fitted, with what a head (`hardened`) and a screw (`crossed`) do to its image made good,
-   and judged by itself (`examine`), and again where slices are far thicker than the header says (`thick`), where rays
-   were summed before the logarithm was taken (`logarithm`), or where slices blur aslant (`slant`).
+2. Each candidate is detected, fitted and judged by itself (`examine`). What a head (`hardened`), a screw (`crossed`)
+   and a socket's rim (`rim`) do to its image is made good.
+   All of that is done again where slices are far thicker than the header says (`thick`), where rays were summed before
+   the logarithm was taken (`logarithm`), or where slices blur aslant (`slant`).
 3. What was turned down only for what is usual in the scan is judged again (`by_the_usual`).
 4. What is unlike the scan's other markers is turned down (`alike`).
 5. Each marker's covariance counts what is usual in the scan (`together`), and motion is suspected (`moved`).

@@ -37,25 +37,26 @@ GREATEST_REFUSAL = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Proposed markers: on the scalp (N, 3), their centers (N, 3) and normals (N, 3), LPS mm.
-
-    ``diameter_mm`` is theirs, ``expected`` the error of the registration that they will give and ``tre_rms_mm`` (T,)
-    that at each target. ``rival_distance_mm`` tells how far the layout is from being taken for itself in another order,
-    ``allowed`` the number of sites that were open, ``even_tre_mm`` the largest expected error of as many markers spread
-    evenly over them (mean of some spreads), ``doubt`` why some places may not do.
-    """
+    """Proposed markers: on the scalp (N, 3), their normals (N, 3) and centers (N, 3), LPS mm."""
 
     scalp_mm: FloatArray
     normals: FloatArray
     centers_mm: FloatArray
     diameter_mm: float
     expected: ExpectedPose
+    """The error of the registration that they will give."""
     tre_rms_mm: FloatArray
+    """That error at each target (T,)."""
     rival_distance_mm: float
+    """How far the layout is from being taken for itself in another order."""
     refusal_probability: float
+    """How often correspondence would refuse it."""
     allowed: int
+    """The number of sites that were open."""
     even_tre_mm: float
+    """The largest expected error of as many markers spread evenly over them: the mean of some spreads."""
     doubt: str | None
+    """Why some places may not do."""
 
     @property
     def largest_tre_mm(self) -> float:

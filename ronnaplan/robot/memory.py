@@ -1,12 +1,12 @@
 """Least squares when the noise has a memory, as a tracker's filtered, wandering and drifting poses have.
 
-The noise is stationary in the tracker's axes or in the tool's: part white, part with a memory of unknown length (a
-first-order Markov process, up to a walk over the whole recording, or the smoother one that a filter leaves), with or
-without a steady drift. In the frequencies of the discrete cosine transform such noise is all but uncorrelated,
-whatever its memory (Ahmed, Natarajan & Rao 1974, IEEE Trans. Comput. C-23:90), so every member of the family is a list
-of variances. Each is weighed by its restricted likelihood (Harville 1977, JASA 72:320), which counts what the fit
-itself took away. Only the slow frequencies that the estimate uses are judged: nothing is concluded from the fast
-ones, where a tracker's filter hides the noise.
+The noise is stationary in the tracker's axes or in the tool's. A part is white, a part has a memory of unknown length,
+and there may be a steady drift. What has a memory is a first-order Markov process, up to a walk over the whole
+recording, or the smoother process that a filter leaves. In the frequencies of the discrete cosine transform such noise
+is all but uncorrelated, whatever its memory (Ahmed, Natarajan & Rao 1974, IEEE Trans. Comput. C-23:90), so every member
+of the family is a list of variances. Each is weighed by its restricted likelihood (Harville 1977, JASA 72:320), which
+counts what the fit itself took away. Only the slow frequencies that the estimate uses are judged: nothing is concluded
+from the fast ones, where a tracker's filter hides the noise.
 """
 
 from __future__ import annotations

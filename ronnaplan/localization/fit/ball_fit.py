@@ -22,36 +22,39 @@ from ronnaplan.localization.fit.shading import PLATEAU_SHARE, Shading, shaded
 
 @dataclass(frozen=True)
 class BallFit:
-    """A fitted ball.
-
-    ``theta`` (P,) holds the model's `PARAMETERS` (and `STREAK_PARAMETERS` where the ball is metal, `SKIN_PARAMETERS`
-    where it lies on something), with the center relative to the neighbourhood's origin along u, v, w. ``used`` (N,)
-    marks the voxels that informed the fit, ``residuals_hu`` (N,) is data minus model and shading, ``unshaded_hu`` (N,)
-    data minus model alone, ``jacobian`` (N, P) the model's derivatives, both where the center is before the shading
-    moves it, ``influence_mm_per_hu`` (N, 3) how far one HU at a voxel moves the center, ``aside_mm`` (3,) how far a
-    cavity lies aside, if the shading, which tells it, was asked for (``is_shaded``). ``made_good_mm`` (3,) is how far
-    the center was moved, in LPS, by what a head does to the image being made good, and None where that was not done.
-    ``by_part_mm2`` (3, 3), along u, v, w, is how well the center is known where a part of the ball told it better than
-    the whole, as the rest is pulled by a screw that crosses its slices (`judge.crossed`) or by the rim of a socket
-    (`judge.rim`), and None elsewhere; ``drawn`` is the fit by the whole of a ball in a socket.
-    """
+    """A ball fitted to the N voxels of its neighbourhood by P parameters."""
 
     neighbourhood: Neighbourhood
     theta: FloatArray
+    """The model's `PARAMETERS` (P,), then `STREAK_PARAMETERS` of metal and `SKIN_PARAMETERS` of what lies on something.
+
+    The center is relative to the neighbourhood's origin, along u, v, w."""
     used: NDArray[np.bool_]
+    """Which voxels (N,) informed the fit."""
     residuals_hu: FloatArray
+    """Data minus model and shading (N,)."""
     unshaded_hu: FloatArray
+    """Data minus model alone (N,), where the center was before the shading moved it."""
     jacobian: FloatArray
+    """The model's derivatives (N, P), there, too."""
     influence_mm_per_hu: FloatArray
+    """How far one HU at each voxel moves the center (N, 3)."""
     aside_mm: FloatArray
+    """How far a cavity lies aside (3,), as the shading tells; zero where that was not asked for."""
     is_shaded: bool
+    """Whether the shading was asked for."""
     verdict: Verdict
     converged: bool
     prior: Prior
     ceiling_hu: float
     made_good_mm: FloatArray | None = None
+    """How far the center was moved (3,), in LPS, by making good what a head does to the image; None if nothing was."""
     by_part_mm2: FloatArray | None = None
+    """How well the center is known (3, 3), along u, v, w, where a part of the ball told it better than the whole.
+
+    The rest is pulled by a screw that crosses its slices (`judge.crossed`), or by a socket's rim (`judge.rim`)."""
     drawn: BallFit | None = None
+    """The fit by the whole of a ball in a socket, whose rim draws it."""
 
     @property
     def center_mm(self) -> FloatArray:

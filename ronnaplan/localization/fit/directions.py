@@ -87,26 +87,28 @@ sides, so that their mean is shorter than this, lies on the marker (a post: 0.8;
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the directions say.
-
-    ``state`` (cells,) is 1 where a direction informs the fit, 0 where it is left out, -1 where no voxel lies on the
-    surface. ``off_mm`` (cells,) is how far the edge is from where the ball's should be, ``off_mm_per_hu`` (cells,) what
-    noise adds to that, ``allowed_mm`` how much is allowed without noise, ``noise_hu`` the noise that is allowed for.
-    ``attached_share`` is the share of all in which a body as bright as the ball goes on outward. ``usual_rms_hu`` is a
-    good direction's residual. ``beside`` (cells,) marks those with something just outside, ``excess_hu`` (cells,) how
-    bright it is; ``is_covered`` says whether that lies to all sides instead of one.
-    """
+    """What the directions about a ball say, each of the `CELL_COUNT` (C)."""
 
     state: NDArray[np.int8]
+    """1 where a direction informs the fit (C,), 0 where it is left out, -1 where no voxel lies on the surface."""
     off_mm: FloatArray
+    """How far the edge is from where the ball's should be (C,)."""
     off_mm_per_hu: FloatArray
+    """What noise adds to that (C,)."""
     allowed_mm: float
+    """How far off an edge may be without noise."""
     attached_share: float
+    """Share of all directions in which a body as bright as the ball goes on outward."""
     usual_rms_hu: float
+    """A good direction's residual."""
     beside: NDArray[np.bool_]
+    """In which directions (C,) something is just outside."""
     excess_hu: FloatArray
+    """How much brighter than the background that is (C,)."""
     is_covered: bool
+    """Whether it lies to all sides instead of one."""
     noise_hu: float = 0.0
+    """The noise that is allowed for."""
 
     @cached_property
     def round_share(self) -> float:

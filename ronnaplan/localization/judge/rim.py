@@ -1,10 +1,10 @@
 """The rim of a socket shines into directions beside those that are left out, and draws the center towards it.
 
 A post that is thin beside its ball meets it steeply, and what is left out with it is all that it blurs into. A cup or a
-stem nearly as wide as the ball leaves it at a grazing angle: beside the last direction that is seen to be touched, the
-ball's edge is blurred together with the rim's, which looks like a ball that is larger and lies farther in, by up to 50
-um. So the ball is fitted by the directions that are clear of the touched ones, too. They alone are believed where they
-put the center elsewhere, by more than they may err. Whether the ball moved is told by the fit of all of them.
+stem nearly as wide as the ball leaves it at a grazing angle. Beside the last direction that is seen to be touched, the
+ball's edge is blurred together with the rim's. That looks like a larger ball that lies farther in, by up to 50 um. So
+the ball is fitted by the directions that are clear of the touched ones, too. They alone are believed where they put the
+center elsewhere, by more than they may err. Whether the ball moved is told by the fit of all of them.
 """
 
 from __future__ import annotations

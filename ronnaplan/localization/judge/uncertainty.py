@@ -10,12 +10,12 @@ neighbouring octants share, as they do coarse grain, only a whole slice holds. S
 stated. Slices whose profiles overlap share their noise as the profile's autocorrelation says (W. Newey and K. West,
 Econometrica 55:703, 1987, with a box's; D. Andrews, Econometrica 59:817, 1991, with others).
 
-What all slices share, no residual along them shows: a head that moves, a panel that lags, streaks, a cone of rays. But
-what displaces edges by the direction in which they face displaces the center (the first harmonic of that direction,
-which no fit tells from a ball elsewhere) about as much as it bends the outline (the odd harmonics from the third on,
-which no still ball has, see `judge.motion`). So these are stated as error, the marker's own and those
-usual in its scan. Slices that are not small beside the ball hide how its poles end. The covariance is the sum of these
-sources, each with one weight of `WEIGHTS`.
+What all slices share, no residual along them shows: a head that moves, a panel that lags, streaks, a cone of rays. All
+of these displace an edge by the direction in which it faces. The first harmonic of that direction displaces the center,
+and no fit tells it from a ball elsewhere. The odd harmonics from the third on bend the outline, as no still ball's is
+(`judge.motion`), and are about as large. So these are stated as error, the marker's own and those usual in its scan.
+Slices that are not small beside the ball hide how its poles end. The covariance is the sum of these sources, each with
+one weight of `WEIGHTS`.
 """
 
 from __future__ import annotations
