@@ -26,10 +26,10 @@ from ronnaplan.errors import RonnaplanError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import Pose
 from ronnaplan.report.tables import align
-from ronnaplan.robot.camera import RIG, Camera, StereoRig
 from ronnaplan.robot.chain import TCP
-from ronnaplan.robot.stereo import locate_sphere
-from ronnaplan.robot.stereo_calibration import StereoCalibration, calibrate_on_board
+from ronnaplan.robot.stereo.calibration import StereoCalibration, calibrate_on_board
+from ronnaplan.robot.stereo.camera import RIG, Camera, StereoRig
+from ronnaplan.robot.stereo.sphere import locate_sphere
 
 REPORTED = 1000
 """Seeds from here on are reported; those below were looked at while tuning."""

@@ -22,10 +22,10 @@ from ronnaplan.errors import RonnaplanError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import Pose, invert, rigid, transform_points
 from ronnaplan.report.tables import align
-from ronnaplan.robot.camera import RIG
 from ronnaplan.robot.chain import TCP
-from ronnaplan.robot.stereo import StereoSphere, locate_sphere
-from ronnaplan.robot.stereo_calibration import calibrate_on_board
+from ronnaplan.robot.stereo.calibration import calibrate_on_board
+from ronnaplan.robot.stereo.camera import RIG
+from ronnaplan.robot.stereo.sphere import StereoSphere, locate_sphere
 from ronnaplan.sigmas import LARGEST_STATED_MM
 
 REPORTED = 9300

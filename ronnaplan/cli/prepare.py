@@ -88,8 +88,8 @@ def see_sphere() -> None:
     """Find the outlines of balls in images that are made for this: of either kind, evenly bright and lit from aside."""
     import numpy as np
 
-    from ronnaplan.robot.camera import Camera
-    from ronnaplan.robot.outline import find_outlines
+    from ronnaplan.robot.stereo.camera import Camera
+    from ronnaplan.robot.stereo.outline import find_outlines
 
     camera = Camera(np.array([[1000.0, 0.0, 80.0], [0.0, 1000.0, 80.0], [0.0, 0.0, 1.0]]), np.zeros(5), np.eye(4))
     rows, columns = (one - 80.0 for one in np.mgrid[:160, :160])

@@ -153,7 +153,7 @@ def _by_stereo(arguments: argparse.Namespace) -> ChainDocument:
     from ronnaplan.documents.chain import stereo_chain
     from ronnaplan.documents.fiducials import read_fiducials
     from ronnaplan.documents.rig import read_spheres
-    from ronnaplan.robot.markers import register_robot_markers
+    from ronnaplan.robot.stereo.markers import register_robot_markers
 
     fiducials, spheres = read_fiducials(arguments.fiducials), read_spheres(arguments.spheres)
     found = register_robot_markers(

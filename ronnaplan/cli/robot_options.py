@@ -17,7 +17,7 @@ from ronnaplan.sigmas import (
 
 if TYPE_CHECKING:
     from ronnaplan.geometry import FloatArray
-    from ronnaplan.robot.images import ImagePair
+    from ronnaplan.robot.stereo.images import ImagePair
     from ronnaplan.tracking import Recording
 
 UNNAMED = "tool"
@@ -104,8 +104,8 @@ def size_mm(text: str) -> float:
 def read_looks(arguments: argparse.Namespace) -> tuple[dict[int, ImagePair], FloatArray, tuple[str, ...]]:
     """Return the looks, the robot's pose (4, 4) at each, and what is to be told of the recording."""
     from ronnaplan.errors import InputError
-    from ronnaplan.robot.images import read_pairs
     from ronnaplan.robot.recorded import require_numbered, simultaneous, tool_poses
+    from ronnaplan.robot.stereo.images import read_pairs
     from ronnaplan.tracking import read_recording
 
     looks, robot = read_pairs(arguments.looks), read_recording(arguments.robot)

@@ -44,8 +44,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Find each look's marker in R."""
     from ronnaplan.documents.revision import write_document
     from ronnaplan.documents.rig import read_rig, read_spheres, spheres_document
-    from ronnaplan.robot.markers import relocate
     from ronnaplan.robot.recorded import robot_pose
+    from ronnaplan.robot.stereo.markers import relocate
 
     rig = read_rig(arguments.rig)
     looks, matrices, notes = read_looks(arguments)

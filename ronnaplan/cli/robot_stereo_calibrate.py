@@ -41,11 +41,11 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.revision import write_document
     from ronnaplan.documents.rig import read_rig, rig_document
     from ronnaplan.pose import Pose
-    from ronnaplan.robot.camera import RIG
     from ronnaplan.robot.chain import TCP
-    from ronnaplan.robot.images import read_pairs
-    from ronnaplan.robot.markers import in_rig
-    from ronnaplan.robot.stereo_calibration import calibrate_on_board, calibrate_tcp, require_size
+    from ronnaplan.robot.stereo.calibration import calibrate_on_board, calibrate_tcp, require_size
+    from ronnaplan.robot.stereo.camera import RIG
+    from ronnaplan.robot.stereo.images import read_pairs
+    from ronnaplan.robot.stereo.markers import in_rig
 
     boards = read_pairs(arguments.boards)
     looks, poses, notes = read_looks(arguments)
@@ -83,7 +83,7 @@ def percent(text: str) -> float:
 
 def corners(text: str) -> tuple[int, int]:
     """Return the inner corners of a chessboard (columns, rows) as in ``9x7``."""
-    from ronnaplan.robot.board import FEWEST_CORNERS, MOST_CORNERS
+    from ronnaplan.robot.stereo.board import FEWEST_CORNERS, MOST_CORNERS
     from ronnaplan.text import whole_number
 
     counts = [whole_number(part) for part in text.lower().split("x")]

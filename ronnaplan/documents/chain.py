@@ -24,7 +24,7 @@ from ronnaplan.documents.reading import made, read_document
 from ronnaplan.geometry import FloatArray, Frame, rms_mm
 from ronnaplan.pose import Pose
 from ronnaplan.robot.chain import OTS, TCP, Capture, M, R, robot_from_ct
-from ronnaplan.robot.markers import RobotRegistration
+from ronnaplan.robot.stereo.markers import RobotRegistration
 
 LINKS = ("registration", "tracked tool", "tool calibration", "robot")
 

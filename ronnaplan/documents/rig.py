@@ -27,11 +27,11 @@ from ronnaplan.documents.fields import (
 from ronnaplan.documents.poses import SAME_POSE_MM, PoseEntry, pose_entry
 from ronnaplan.documents.reading import made, read_document
 from ronnaplan.pose import as_pose
-from ronnaplan.robot.board import FEWEST_BOARDS, FEWEST_CORNERS, MOST_CORNERS
-from ronnaplan.robot.camera import RIG, Boards, Camera, StereoRig
 from ronnaplan.robot.chain import TCP
-from ronnaplan.robot.markers import RobotMarkers
-from ronnaplan.robot.stereo_calibration import StereoCalibration, TcpCalibration
+from ronnaplan.robot.stereo.board import FEWEST_BOARDS, FEWEST_CORNERS, MOST_CORNERS
+from ronnaplan.robot.stereo.calibration import StereoCalibration, TcpCalibration
+from ronnaplan.robot.stereo.camera import RIG, Boards, Camera, StereoRig
+from ronnaplan.robot.stereo.markers import RobotMarkers
 
 LARGEST_LENS = 1e6
 """No camera has so many pixels, and no lens such a distortion."""

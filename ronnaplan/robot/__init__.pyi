@@ -1,13 +1,6 @@
-from .camera import Camera as Camera, StereoRig as StereoRig
 from .chain import Capture as Capture, robot_from_ct as robot_from_ct, to_frame as to_frame
 from .hand_eye import calibrate_hand_eye as calibrate_hand_eye, with_tip as with_tip
 from .hand_eye_found import HandEye as HandEye
-from .markers import (
-    RobotMarkers as RobotMarkers,
-    RobotRegistration as RobotRegistration,
-    register_robot_markers as register_robot_markers,
-    relocate as relocate,
-)
 from .orientation import (
     frame_of_three as frame_of_three,
     orientation_covariance as orientation_covariance,
@@ -16,12 +9,19 @@ from .orientation import (
 )
 from .pivot import PivotCalibration as PivotCalibration, calibrate_pivot as calibrate_pivot
 from .recorded import robot_pose as robot_pose, seen_tool as seen_tool, tool_poses as tool_poses
-from .stereo import StereoSphere as StereoSphere, locate_sphere as locate_sphere
-from .stereo_calibration import (
+from .stereo.calibration import (
     StereoCalibration as StereoCalibration,
     TcpCalibration as TcpCalibration,
     calibrate_on_board as calibrate_on_board,
     calibrate_tcp as calibrate_tcp,
 )
+from .stereo.camera import Camera as Camera, StereoRig as StereoRig
+from .stereo.markers import (
+    RobotMarkers as RobotMarkers,
+    RobotRegistration as RobotRegistration,
+    register_robot_markers as register_robot_markers,
+    relocate as relocate,
+)
+from .stereo.sphere import StereoSphere as StereoSphere, locate_sphere as locate_sphere
 from .tool_frame import locate_tool as locate_tool
 from .trajectories import RobotTrajectory as RobotTrajectory, robot_trajectory as robot_trajectory

@@ -121,7 +121,7 @@ print(json.dumps([prepared, compiled()]))
 def test_after_prepare_a_sphere_before_cameras_is_found_without_compiling() -> None:
     prepared, others = prepared_and_others(SEEN)
     assert others == {}
-    assert prepared["ronnaplan.robot.shading_compiled.equations"]
+    assert prepared["ronnaplan.robot.stereo.shading_compiled.equations"]
 
 
 SEEN = (
@@ -130,8 +130,8 @@ SEEN = (
 import numpy as np
 from phantoms.cameras import sphere_image
 from ronnaplan.cli.prepare import see_sphere
-from ronnaplan.robot.camera import Camera
-from ronnaplan.robot.outline import find_outlines
+from ronnaplan.robot.stereo.camera import Camera
+from ronnaplan.robot.stereo.outline import find_outlines
 
 see_sphere()
 prepared = compiled()

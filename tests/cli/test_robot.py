@@ -28,10 +28,10 @@ from ronnaplan.documents.tool import read_hand_eye, read_pivot
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.registration.marker_registration import register_markers
 from ronnaplan.robot.hand_eye import calibrate_hand_eye, with_tip
-from ronnaplan.robot.images import read_pairs
-from ronnaplan.robot.markers import in_rig
 from ronnaplan.robot.pivot import calibrate_pivot
-from ronnaplan.robot.stereo_calibration import require_size
+from ronnaplan.robot.stereo.calibration import require_size
+from ronnaplan.robot.stereo.images import read_pairs
+from ronnaplan.robot.stereo.markers import in_rig
 from ronnaplan.tracking import find_markers, read_recording
 from tests import cases
 from tests.robot.boards import find_once

@@ -8,8 +8,8 @@ import pytest
 
 from ronnaplan.documents.rig import read_rig
 from ronnaplan.errors import InputError
-from ronnaplan.robot.calibration_errors import errors_of
-from ronnaplan.robot.camera import StereoRig
+from ronnaplan.robot.stereo.calibration_errors import errors_of
+from ronnaplan.robot.stereo.camera import StereoRig
 from tests.documents.test_strictness import documents
 
 

@@ -36,16 +36,16 @@ from ronnaplan.registration.marker_registration import register_markers
 from ronnaplan.robot.arm.arm import HeldJoint
 from ronnaplan.robot.arm.forward import forward
 from ronnaplan.robot.arm.kuka import kr6_r900
-from ronnaplan.robot.camera import RIG, Boards, Camera
 from ronnaplan.robot.chain import OTS, TCP, Capture, M, R
 from ronnaplan.robot.hand_eye_found import HandEye
-from ronnaplan.robot.markers import RobotMarkers, register_robot_markers
 from ronnaplan.robot.pivot import calibrate_pivot
 from ronnaplan.robot.placement.placement import Place as RobotPlace
 from ronnaplan.robot.placement.placement import Placement
 from ronnaplan.robot.placement.route import Route
 from ronnaplan.robot.placement.serving import Served
-from ronnaplan.robot.stereo_calibration import StereoCalibration, TcpCalibration
+from ronnaplan.robot.stereo.calibration import StereoCalibration, TcpCalibration
+from ronnaplan.robot.stereo.camera import RIG, Boards, Camera
+from ronnaplan.robot.stereo.markers import RobotMarkers, register_robot_markers
 from ronnaplan.untrusted import parse_json
 from tests import cases
 from tests.documents.test_fiducials import FOUND

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ronnaplan.robot import board
+from ronnaplan.robot.stereo import board
 
 _found: dict[bytes, np.ndarray | None] = {}
 

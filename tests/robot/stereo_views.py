@@ -12,8 +12,8 @@ from phantoms import cameras as rendering
 from phantoms.stereo_kinds import SCENES
 from phantoms.stereo_scenes import SceneRig, View, random_rig, render
 from ronnaplan.pose import Pose, invert
-from ronnaplan.robot.camera import RIG, Boards, Camera, StereoRig
 from ronnaplan.robot.chain import TCP
+from ronnaplan.robot.stereo.camera import RIG, Boards, Camera, StereoRig
 
 DIAMETER = 11.5
 K = [

@@ -11,12 +11,12 @@ from scipy.spatial.transform import Rotation
 from phantoms import cameras as rendering
 from ronnaplan.errors import InputError
 from ronnaplan.pose import Pose, invert, transform_points
-from ronnaplan.robot import stereo_calibration
-from ronnaplan.robot.board import grid_mm
-from ronnaplan.robot.calibration_errors import errors_of, known_share
-from ronnaplan.robot.camera import RIG, StereoRig
 from ronnaplan.robot.chain import TCP
-from ronnaplan.robot.stereo_calibration import StereoCalibration, calibrate_on_board
+from ronnaplan.robot.stereo import calibration
+from ronnaplan.robot.stereo.board import grid_mm
+from ronnaplan.robot.stereo.calibration import StereoCalibration, calibrate_on_board
+from ronnaplan.robot.stereo.calibration_errors import errors_of, known_share
+from ronnaplan.robot.stereo.camera import RIG, StereoRig
 from ronnaplan.sigmas import SIGMA_SQUARE
 from tests.robot.stereo_views import RIGHT, D, K
 
@@ -67,7 +67,7 @@ def calibrated(
         bowed = board + bowed_mm * away / away.max() * off
         pair = [shown(bowed, side, prism_px) + rng.normal(size=(63, 2)) * NOISE_PX for side in range(2)]
         seen.append(tuple(one[:, None].astype(np.float32) for one in pair))
-    monkeypatch.setattr(stereo_calibration, "seen_by_both", lambda left, right, corners: seen)
+    monkeypatch.setattr(calibration, "seen_by_both", lambda left, right, corners: seen)
     image = np.zeros(rendering.SIZE)
     return calibrate_on_board(
         [image], [image], corners=CORNERS, square_mm=SQUARE_MM * wide * told, sigma_square=sigma_square

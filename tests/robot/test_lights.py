@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ronnaplan.robot.lights import LOWERED, Lights, Sight, by_turning, in_each_light, weighed
+from ronnaplan.robot.stereo.lights import LOWERED, Lights, Sight, by_turning, in_each_light, weighed
 
 FOCAL_PX, LAMP_SD_DEG = 4000.0, 0.04
 TURNS = [np.eye(3), Rotation.from_rotvec([0, np.radians(-25), 0]).as_matrix()]

@@ -9,9 +9,9 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import Frame, Points
 from ronnaplan.pose import Pose, invert, transform_points
-from ronnaplan.robot.camera import RIG
 from ronnaplan.robot.chain import TCP
-from ronnaplan.robot.markers import RobotMarkers, register_robot_markers, require_apart
+from ronnaplan.robot.stereo.camera import RIG
+from ronnaplan.robot.stereo.markers import RobotMarkers, register_robot_markers, require_apart
 
 CT = Frame("CT", "1.2")
 HEAD_MM = np.array([[60.0, -50, 40], [-55, -60, 30], [70, 20, 50], [-40, 70, 60], [10, 90, 45]])

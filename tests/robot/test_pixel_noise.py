@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ronnaplan.robot.pixel_noise import noise_on
+from ronnaplan.robot.stereo.pixel_noise import noise_on
 
 MIDDLE = np.array([100.0, 100.0])
 

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import Points
 from ronnaplan.robot.chain import M
-from ronnaplan.robot.images import read_pairs
 from ronnaplan.robot.recorded import (
     require_numbered,
     resting_matrix,
@@ -19,6 +18,7 @@ from ronnaplan.robot.recorded import (
     simultaneous,
     tool_poses,
 )
+from ronnaplan.robot.stereo.images import read_pairs
 from ronnaplan.tracking import PointReading, Recording, ToolReading
 
 SPHERES = np.array([[0.0, 60, 0], [45, 0, 0], [0, -75, 0], [-90, 0, 0]])

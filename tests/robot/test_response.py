@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ronnaplan.errors import RefusedError
-from ronnaplan.robot.response import noise_beside
-from ronnaplan.robot.stereo import locate_sphere
+from ronnaplan.robot.stereo.response import noise_beside
+from ronnaplan.robot.stereo.sphere import locate_sphere
 from tests.robot.stereo_views import DIAMETER, rendered
 
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from ronnaplan.robot import shading
-from ronnaplan.robot.camera import Camera
-from ronnaplan.robot.circles import Image
-from ronnaplan.robot.outline import find_cones
-from ronnaplan.robot.shading import ShadedSphere, find_shaded, in_own_shadow
+from ronnaplan.robot.stereo import shading
+from ronnaplan.robot.stereo.camera import Camera
+from ronnaplan.robot.stereo.circles import Image
+from ronnaplan.robot.stereo.outline import find_cones
+from ronnaplan.robot.stereo.shading import ShadedSphere, find_shaded, in_own_shadow
 from tests.robot.stereo_views import rendered
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ronnaplan.robot.camera import Camera
-from ronnaplan.robot.shading_pixels import OUTWARD_PX, pixels_near
+from ronnaplan.robot.stereo.camera import Camera
+from ronnaplan.robot.stereo.shading_pixels import OUTWARD_PX, pixels_near
 
 FOCAL_PX, SIZE = 4000.0, (480, 480)
 MATRIX = np.array([[FOCAL_PX, 0, 240], [0, FOCAL_PX, 240], [0, 0, 1]])

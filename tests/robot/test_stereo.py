@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 from phantoms import cameras as rendering
 from ronnaplan.errors import FrameMismatchError, InputError, RefusedError
 from ronnaplan.pose import Pose, invert
-from ronnaplan.robot.camera import RIG, Camera, StereoRig
 from ronnaplan.robot.chain import TCP, R
-from ronnaplan.robot.outline import find_cones, find_outlines
-from ronnaplan.robot.stereo import StereoSphere, locate_sphere
+from ronnaplan.robot.stereo.camera import RIG, Camera, StereoRig
+from ronnaplan.robot.stereo.outline import find_cones, find_outlines
+from ronnaplan.robot.stereo.sphere import StereoSphere, locate_sphere
 from tests.robot.stereo_views import DIAMETER, RIG_EXACT, RIGHT, D, K, moved, on_boards, placed, rendered, seen
 
 
@@ -254,7 +254,9 @@ def test_edges_that_coincide_do_not_hide_the_outline_of_the_others(monkeypatch: 
     angles = 2.0 * np.pi * np.arange(90) / 90
     edges_px = K[0][:2, 2] + 60.0 * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     edges_px[[30, 60]] = edges_px[0]  # a third of the outline apart
-    monkeypatch.setattr("ronnaplan.robot.outline.find_circles", lambda image: [SimpleNamespace(edges_px=edges_px)])
+    monkeypatch.setattr(
+        "ronnaplan.robot.stereo.outline.find_circles", lambda image: [SimpleNamespace(edges_px=edges_px)]
+    )
     camera = Camera(K[0], np.zeros(5), np.eye(4))
     (cone,) = find_cones(np.zeros(rendering.SIZE[::-1]), camera)
     assert cone.half_angle == pytest.approx(np.arctan(60.0 / camera.focal_px), rel=1e-3)

@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 from phantoms import cameras as rendering
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.pose import invert
-from ronnaplan.robot import board, stereo_calibration
-from ronnaplan.robot.board import FEWEST_BOARDS
-from ronnaplan.robot.stereo import locate_sphere
-from ronnaplan.robot.stereo_calibration import calibrate_on_board, calibrate_tcp
+from ronnaplan.robot.stereo import board, calibration
+from ronnaplan.robot.stereo.board import FEWEST_BOARDS
+from ronnaplan.robot.stereo.calibration import calibrate_on_board, calibrate_tcp
+from ronnaplan.robot.stereo.sphere import locate_sphere
 from tests.robot.boards import find_once
 from tests.robot.stereo_views import DIAMETER, RIG_EXACT, RIGHT, D, K, moved, placed, seen
 
@@ -82,7 +82,7 @@ def test_board_images_that_do_not_show_the_board_are_refused() -> None:
 @pytest.mark.usefixtures("found_once")
 def test_board_images_that_contradict_each_other_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """Boards that do are slow to fit, so the limit is lowered instead."""
-    monkeypatch.setattr(stereo_calibration, "LARGEST_RMS_PX", 0.001)
+    monkeypatch.setattr(calibration, "LARGEST_RMS_PX", 0.001)
     left, right = boards()
     with pytest.raises(InputError, match="contradict each other by"):
         calibrate_on_board(left[:FEWEST_BOARDS], right[:FEWEST_BOARDS], corners=CORNERS, square_mm=SQUARE)

@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter
 from phantoms.stereo_kinds import SCENES
 from phantoms.stereo_scenes import random_rig, render
 from ronnaplan.errors import InputError, RefusedError
-from ronnaplan.robot.stereo import locate_sphere
+from ronnaplan.robot.stereo.sphere import locate_sphere
 from tests.robot.stereo_views import DIAMETER, calibrated, rendered
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ronnaplan.errors import InputError
-from ronnaplan.robot.circles import Image
+from ronnaplan.robot.stereo.circles import Image
 from ronnaplan.text import whole_number
 from ronnaplan.untrusted import read_whole
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from ronnaplan.errors import RefusedError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.camera import Camera
-from ronnaplan.robot.circles import Image
-from ronnaplan.robot.outline import Outline
-from ronnaplan.robot.pixel_noise import FEWEST_PIXELS, INSIDE, LEAST_NOISE, roughness
+from ronnaplan.robot.stereo.camera import Camera
+from ronnaplan.robot.stereo.circles import Image
+from ronnaplan.robot.stereo.outline import Outline
+from ronnaplan.robot.stereo.pixel_noise import FEWEST_PIXELS, INSIDE, LEAST_NOISE, roughness
 
 BESIDE = (1.25, 1.9)
 """What is beside the ball, in its radii."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import SD_PER_DEVIATION, FloatArray
-from ronnaplan.robot.circles_compiled import halved, supporters, votes
+from ronnaplan.robot.stereo.circles_compiled import halved, supporters, votes
 
 SMALLEST_RADIUS_PX = 8.0
 """Smaller circles are stray reflections, or too coarse to measure."""

@@ -1,10 +1,15 @@
 """A shaded sphere in one image, as a whole: where it is, how large, and what light falls on it.
 
-Brightness within the outline is that of a few constants which mean something: a profile of the angle to the line of
-sight (powers of its cosine: even brightness, a limb that darkens as the cosine or otherwise), the profile's tilt
-(reflectance or light that falls from one side to the other), light from aside of the lens (even, and falling off as the
-cosine), and two waves around. All around lies a ground with its own brightness and slope in each sector. One blur makes
-the image of both. All pixels are fitted at once, so that light and edge are told apart as well as they can be.
+Brightness within the outline is that of a few constants which mean something:
+
+- a profile of the angle to the line of sight, in powers of its cosine: even brightness, a limb that darkens as the
+  cosine or otherwise;
+- the profile's tilt: reflectance, or light, that falls from one side to the other;
+- light from aside of the lens: even, and falling off as the cosine;
+- two waves around.
+
+All around lies a ground with its own brightness and slope in each sector. One blur makes the image of both. All pixels
+are fitted at once, so that light and edge are told apart as well as they can be.
 
 Where light from aside leaves a part of the sphere in its own shadow, what darkens as the cosine and light from aside
 can be held to be of one lamp, which lights nothing that faces away from it.
@@ -19,12 +24,30 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.camera import Camera
-from ronnaplan.robot.circles import Image
-from ronnaplan.robot.profiles_compiled import PROFILE, blurred, shadowed, table_of
-from ronnaplan.robot.shading_compiled import ASIDE, BLUR, COMMON, FALLING, LIGHT, OVAL, TILT, Flags, equations
-from ronnaplan.robot.shading_pixels import OUTWARD_PX, Pixels, pixels_near
-from ronnaplan.robot.shading_steps import EARLY, FEWEST_PIXELS, FIRST_BLUR_PX, FIRST_EVERY, State, advance, judge
+from ronnaplan.robot.stereo.camera import Camera
+from ronnaplan.robot.stereo.circles import Image
+from ronnaplan.robot.stereo.profiles_compiled import PROFILE, blurred, shadowed, table_of
+from ronnaplan.robot.stereo.shading_compiled import (
+    ASIDE,
+    BLUR,
+    COMMON,
+    FALLING,
+    LIGHT,
+    OVAL,
+    TILT,
+    Flags,
+    equations,
+)
+from ronnaplan.robot.stereo.shading_pixels import OUTWARD_PX, Pixels, pixels_near
+from ronnaplan.robot.stereo.shading_steps import (
+    EARLY,
+    FEWEST_PIXELS,
+    FIRST_BLUR_PX,
+    FIRST_EVERY,
+    State,
+    advance,
+    judge,
+)
 
 TABLE_STEP_PX = 0.1
 REBUILT_PX, FIRST_REBUILT_PX = 0.004, 0.04

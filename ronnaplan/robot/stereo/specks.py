@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.circles import Image
+from ronnaplan.robot.stereo.circles import Image
 
 WIDTHS, LEAST_PX = (0.08, 0.16, 0.32), 3
 """How far to both sides of a pixel the ball is looked at, in its radii: what is wider is light."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ronnaplan.geometry import SD_PER_DEVIATION, FloatArray
-from ronnaplan.robot.profiles_compiled import PROFILE
-from ronnaplan.robot.shading_compiled import ASIDE, BLUR, COMMON, FALLING, LIGHT, OVAL, TILT, Flags
+from ronnaplan.robot.stereo.profiles_compiled import PROFILE
+from ronnaplan.robot.stereo.shading_compiled import ASIDE, BLUR, COMMON, FALLING, LIGHT, OVAL, TILT, Flags
 
 FEWEST_PIXELS = 20
 """Sectors with fewer pixels, as beyond the image's border, know no edge."""

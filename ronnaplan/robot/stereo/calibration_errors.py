@@ -19,8 +19,8 @@ from functools import lru_cache
 import numpy as np
 
 from ronnaplan.geometry import FloatArray, rms_mm
-from ronnaplan.robot.board import grid_mm
-from ronnaplan.robot.calibration_fit import (
+from ronnaplan.robot.stereo.board import grid_mm
+from ronnaplan.robot.stereo.calibration_fit import (
     CAMERAS,
     FIELDS,
     FREE,
@@ -31,7 +31,7 @@ from ronnaplan.robot.calibration_fit import (
     shown_by,
     told_by,
 )
-from ronnaplan.robot.camera import Boards, Camera, StereoRig
+from ronnaplan.robot.stereo.camera import Boards, Camera, StereoRig
 
 RING = np.linspace(0, 2 * np.pi, 24, endpoint=False)
 """Where on a sphere's outline it is looked at."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.circles import Image
+from ronnaplan.robot.stereo.circles import Image
 
 INSIDE = 0.75
 """What is of a ball, in its radii."""

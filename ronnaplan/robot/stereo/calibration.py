@@ -11,14 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, as_points
 from ronnaplan.pose import Pose, adjoint, as_poses, as_stack, exponential, invert, rigid
-from ronnaplan.robot.board import grid_mm, quarters_apart, recounted, seen_by_both
-from ronnaplan.robot.calibration_errors import MEASURE_SQUARES, judged, known_share, with_exact_squares
-from ronnaplan.robot.calibration_fit import fitted
-from ronnaplan.robot.camera import RIG, Boards, Camera, StereoRig
 from ronnaplan.robot.chain import TCP
-from ronnaplan.robot.circles import Image
 from ronnaplan.robot.hand_eye import require_two_axes
-from ronnaplan.robot.stereo import StereoSphere
+from ronnaplan.robot.stereo.board import grid_mm, quarters_apart, recounted, seen_by_both
+from ronnaplan.robot.stereo.calibration_errors import MEASURE_SQUARES, judged, known_share, with_exact_squares
+from ronnaplan.robot.stereo.calibration_fit import fitted
+from ronnaplan.robot.stereo.camera import RIG, Boards, Camera, StereoRig
+from ronnaplan.robot.stereo.circles import Image
+from ronnaplan.robot.stereo.sphere import StereoSphere
 from ronnaplan.sigmas import LARGEST_STATED_MM, SIGMA_SQUARE
 
 FEWEST_SPHERES = 6

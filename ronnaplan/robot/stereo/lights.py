@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.shading_steps import ASIDE_SD, TILT_SD
+from ronnaplan.robot.stereo.shading_steps import ASIDE_SD, TILT_SD
 
 MISPLACED, LAMP_SCALES = 0.5, 13
 """Probability, before looking, that the lamp is farther from the lens than is said, and how many lamps are looked at:
@@ -109,9 +109,9 @@ def in_each_light(sights: Sequence[Sight], lamp_sd_deg: float) -> Lights:
 def by_turning(profile: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the light from aside (2) of a lamp whose angle to the lens has tangent 1, and its covariance (2, 2).
 
-    It follows from how a sphere lit from the lens darkens to its limb, its ``profile`` (K): surfaces return as much
-    light when lamp and lens change places, which makes it the mean of the profile's derivative and of the profile over
-    the cosine. What is drawn otherwise may be anywhere between these, and light at the limb the lamp's or the room's.
+    It follows from how a sphere lit from the lens darkens to its limb, its ``profile`` (K). Surfaces return as much
+    light when lamp and lens change places: so it is the mean of the profile's derivative and of the profile over the
+    cosine. What is drawn otherwise may be anywhere between these, and light at the limb the lamp's or the room's.
     """
     power = np.arange(len(profile))
     halves = np.array([np.clip(profile[0], 0, 1), *profile[1:]]) / 2

@@ -18,10 +18,10 @@ from ronnaplan.geometry import FloatArray, Points
 from ronnaplan.pose import Pose, point_jacobian, transform_points
 from ronnaplan.registration.marker_registration import MarkerRegistration, register_markers
 from ronnaplan.registration.registration import Registration
-from ronnaplan.robot.camera import RIG, StereoRig
 from ronnaplan.robot.chain import TCP, R, to_frame
-from ronnaplan.robot.images import ImagePair
-from ronnaplan.robot.stereo import StereoSphere, locate_sphere
+from ronnaplan.robot.stereo.camera import RIG, StereoRig
+from ronnaplan.robot.stereo.images import ImagePair
+from ronnaplan.robot.stereo.sphere import StereoSphere, locate_sphere
 from ronnaplan.sigmas import LARGEST_STATED_MM, SIGMA_LAMP_DEG
 
 SAME_SPHERE_MM = 1.0

@@ -14,7 +14,7 @@ import numpy as np
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import exponential
-from ronnaplan.robot.circles import Image
+from ronnaplan.robot.stereo.circles import Image
 
 FEWEST_BOARDS = 6
 FEWEST_CORNERS, MOST_CORNERS = 3, 100

@@ -13,13 +13,13 @@ import numpy as np
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.camera import Camera
-from ronnaplan.robot.circles import SMALLEST_RADIUS_PX, Image, find_circles
-from ronnaplan.robot.lights import MODELED_SHADOW_PX, SHADOW_PX, Sight, by_turning, in_each_light, weighed
-from ronnaplan.robot.pixel_noise import noise_on
-from ronnaplan.robot.shading import ShadedSphere, find_shaded, in_own_shadow
-from ronnaplan.robot.shading_compiled import Flags
-from ronnaplan.robot.specks import without_specks
+from ronnaplan.robot.stereo.camera import Camera
+from ronnaplan.robot.stereo.circles import SMALLEST_RADIUS_PX, Image, find_circles
+from ronnaplan.robot.stereo.lights import MODELED_SHADOW_PX, SHADOW_PX, Sight, by_turning, in_each_light, weighed
+from ronnaplan.robot.stereo.pixel_noise import noise_on
+from ronnaplan.robot.stereo.shading import ShadedSphere, find_shaded, in_own_shadow
+from ronnaplan.robot.stereo.shading_compiled import Flags
+from ronnaplan.robot.stereo.specks import without_specks
 from ronnaplan.sigmas import SIGMA_LAMP_DEG
 
 CONSENSUS_PX = 2.0
@@ -141,9 +141,9 @@ def _outline(grey: Image, cone: Cone, camera: Camera, lamp_sd_deg: float) -> Out
 def _fitted(grey: Image, cone: Cone, camera: Camera) -> tuple[ShadedSphere, float] | None:
     """Return the sphere near ``cone`` and by how much its errors are larger than noise, or None where there is none.
 
-    A sphere whose light is not in the model, or that something spoils, is looked at as one in its own shadow, then by
-    its rim alone, which a cable across it or a highlight in its middle leaves clean for the most part, and then without
-    what is finer on it than light, as dust all over.
+    A sphere whose light is not in the model, or that something spoils, is looked at in three more ways: as one in its
+    own shadow; by its rim alone, most of which a cable or a highlight in the middle leaves clean; and without what is
+    finer on it than light, as dust all over.
     """
     expected = grey, camera, cone.direction, cone.half_angle, cone.rays
     whole = _judged(find_shaded(*expected))

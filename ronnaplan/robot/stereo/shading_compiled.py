@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.profiles_compiled import COLUMNS, MOST_SLANT, POWERS, PROFILE, SHADOW, SLANTS
+from ronnaplan.robot.stereo.profiles_compiled import COLUMNS, MOST_SLANT, POWERS, PROFILE, SHADOW, SLANTS
 
 PLACE, BLUR, LIGHT = 0, 3, 4
 TILT = LIGHT + PROFILE

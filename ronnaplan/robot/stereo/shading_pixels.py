@@ -8,9 +8,9 @@ from functools import cache
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.camera import Camera
-from ronnaplan.robot.circles import Image
-from ronnaplan.robot.shading_compiled import Integers, gather
+from ronnaplan.robot.stereo.camera import Camera
+from ronnaplan.robot.stereo.circles import Image
+from ronnaplan.robot.stereo.shading_compiled import Integers, gather
 
 ARC_PX = 8.0
 FEWEST_SECTORS, MOST_SECTORS = 36, 72

@@ -12,13 +12,13 @@ import numpy as np
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, Points, rms_mm
 from ronnaplan.pose import Pose
-from ronnaplan.robot.calibration_errors import errors_of, remedy
-from ronnaplan.robot.camera import RIG, Camera, StereoRig
 from ronnaplan.robot.chain import TCP, to_frame
-from ronnaplan.robot.circles import Image
-from ronnaplan.robot.lights import fit, in_each_light, weighed
-from ronnaplan.robot.outline import Cone, Outline, find_cones, outlines_of
-from ronnaplan.robot.response import require_linear
+from ronnaplan.robot.stereo.calibration_errors import errors_of, remedy
+from ronnaplan.robot.stereo.camera import RIG, Camera, StereoRig
+from ronnaplan.robot.stereo.circles import Image
+from ronnaplan.robot.stereo.lights import fit, in_each_light, weighed
+from ronnaplan.robot.stereo.outline import Cone, Outline, find_cones, outlines_of
+from ronnaplan.robot.stereo.response import require_linear
 from ronnaplan.sigmas import LARGEST_STATED_MM, SIGMA_LAMP_DEG
 
 LARGEST_GAP_MM = 0.3
