@@ -19,13 +19,12 @@ from ronnaplan.localization.fit.neighbourhood import gather
 from ronnaplan.localization.fit.parameters import CENTER, RADIUS, profile_fwhm_mm
 from ronnaplan.localization.fit.refine import fit_ball
 from ronnaplan.localization.judge.accept import MIN_COVERAGE, failures
-from ronnaplan.localization.judge.blur import blur_mm2
 from ronnaplan.localization.judge.crossed import without_the_screw
+from ronnaplan.localization.judge.edge import blur_mm2, shape_of
 from ronnaplan.localization.judge.evidence import Evidence, Usual
 from ronnaplan.localization.judge.motion import Movement
 from ronnaplan.localization.judge.noise import noise_level
 from ronnaplan.localization.judge.rim import without_the_rim
-from ronnaplan.localization.judge.strain import shape_of
 from ronnaplan.localization.judge.uncertainty import by_excess, cramer_rao_bound
 from ronnaplan.localization.scanner.hardened import Head, without_the_head
 from ronnaplan.localization.scanner.scan import Scan
@@ -77,7 +76,7 @@ class Examined:
     """Covariance (3, 3) of its blur in LPS; of solid markers that are not clipped, and of such as failed tests of
     `OF_THE_SHAPE` only."""
     shape: FloatArray
-    """Shape (3, 3) of the ellipsoid that it is, by `strain.shape_of`; of markers whose blur is told only."""
+    """Shape (3, 3) of the ellipsoid that it is, by `edge.shape_of`; of markers whose blur is told only."""
     failures: tuple[tuple[str, str], ...]
 
     @property

@@ -16,8 +16,8 @@ from ronnaplan.localization.fit.cells import cell_directions
 from ronnaplan.localization.fit.directions import Verdict
 from ronnaplan.localization.fit.guess import margin_mm
 from ronnaplan.localization.fit.parameters import WIDTH
-from ronnaplan.localization.judge.blur import Edge
 from ronnaplan.localization.judge.crossed import untold_mm2
+from ronnaplan.localization.judge.edge import Edge
 from ronnaplan.localization.judge.motion import Movement, movement
 from ronnaplan.localization.judge.uncertainty import center_covariance, near_faces_mm2, pulled_mm2
 from ronnaplan.localization.search.look import held_by

@@ -26,7 +26,7 @@ from ronnaplan.localization.fit.algebra import add_products, inverse
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.model import BLOCK
 from ronnaplan.localization.fit.parameters import BACKGROUND, CENTER, RADIUS, WIDTH, U, V, W
-from ronnaplan.localization.judge.blur import Edge
+from ronnaplan.localization.judge.edge import Edge
 from ronnaplan.localization.judge.turn import ACROSS as ACROSS_SLICES
 from ronnaplan.localization.judge.turn import FIFTH, THIRD, streaks
 

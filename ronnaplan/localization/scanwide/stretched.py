@@ -5,8 +5,8 @@ that was lost make an ellipsoid of every ball, the same one. Nothing of a scan i
 found by it: the reason is told. It is told only if balls of the stated size are seen once the grid is what it would be
 then, for ellipsoids that are alike may be anything.
 
-Of what is wrong by little all balls are found, and their fits tell (`strain`) to a thousandth. Eggs are out of round
-each in its own way: what one map of the grid does not make good of three quarters of the markers is theirs.
+Of what is wrong by little all balls are found, and their edges tell (`judge.edge`) to a thousandth. Eggs are out of
+round each in its own way: what one map of the grid does not make good of three quarters of the markers is theirs.
 """
 
 from __future__ import annotations

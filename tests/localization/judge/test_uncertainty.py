@@ -20,7 +20,7 @@ from ronnaplan.localization.examine import fit_place
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.parameters import BLUR, RADIUS, SHAPE, WIDTH, profile_half_mm
 from ronnaplan.localization.judge import uncertainty
-from ronnaplan.localization.judge.blur import Edge
+from ronnaplan.localization.judge.edge import Edge
 from ronnaplan.localization.judge.motion import movement
 from ronnaplan.localization.judge.noise import noise_level
 from ronnaplan.localization.judge.uncertainty import (

@@ -1,7 +1,11 @@
-"""The blur that a fitted ball shows beside what was fitted: the fit has the slices' axes, and the blur may have others.
+"""What the edge of a fitted ball shows beside what was fitted: a blur of other axes, and an ellipsoid for a ball.
 
-A Gaussian's covariance changes an image by its second derivatives (the equation of heat), so that the residuals tell
-what of the blur is not along the slices' axes, to first order.
+Both are fitted to the residuals, to first order.
+
+- The fit has the slices' axes, and the blur may have others. A Gaussian's covariance changes an image by its second
+  derivatives (the equation of heat).
+- A grid that is stretched or sheared a little makes an ellipsoid of a ball. Where every place x about the center stands
+  at x + E x, an image changes by -grad f . E x, its blur along with the ball.
 """
 
 from __future__ import annotations
@@ -20,7 +24,16 @@ from ronnaplan.localization.fit.cells import cell_directions, cell_means, direct
 from ronnaplan.localization.fit.depth import deep_inside, edge_depth, within_reach
 from ronnaplan.localization.fit.descent import residuals_and_jacobian
 from ronnaplan.localization.fit.directions import BACKGROUND_QUANTILE, near_any, unlike_inside
-from ronnaplan.localization.fit.parameters import CENTER, LEAST_SPREAD_MM2, WIDTH, U, V, W, edge_variance_mm2
+from ronnaplan.localization.fit.parameters import (
+    CENTER,
+    LEAST_SPREAD_MM2,
+    RADIUS,
+    WIDTH,
+    U,
+    V,
+    W,
+    edge_variance_mm2,
+)
 
 BEYOND_MM = (0.3, 1.5)
 STANDS_SHARE = 0.1
@@ -30,6 +43,9 @@ the edge of a ball that moved does not reach; directions closer than this angle 
 
 STEP_MM = 0.05
 """Step of the second derivatives."""
+
+WIDEST_SHARE = 0.5
+"""A profile wider than this share of the radius hides how long a ball is across the slices, or whether it leans."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +100,36 @@ def blur_mm2(edge: Edge) -> FloatArray:
         axes.T @ np.array([[within + oval, uv, uw], [uv, within - oval, vw], [uw, vw, across]]) @ axes
     )
     return told
+
+
+def shape_of(edge: Edge, radius_mm: float) -> FloatArray:
+    """Return the shape (3, 3), along u, v and w, of the ellipsoid that a ball of the stated ``radius_mm`` is.
+
+    As in `scanwide.ellipsoid.Ellipsoid`. It is told beside all the ball's parameters and its blur, by what is left
+    before shading, which takes part of it. NaN where slices are too thick, or the scale's end hides how large the
+    ball is.
+    """
+    fit, used = edge.fit, edge.used
+    if fit.is_clipped or float(fit.theta[WIDTH]) > WIDEST_SHARE * float(fit.theta[RADIUS]):
+        return np.full((3, 3), np.nan)
+    along = fit.neighbourhood.offsets_mm.take(used, axis=0) - fit.theta[CENTER]
+    by = edge.explained
+    patterns = np.column_stack(
+        [
+            by[:, U] * along[:, U] - by[:, V] * along[:, V],
+            by[:, U] * along[:, V] + by[:, V] * along[:, U],
+            by[:, W] * along[:, W],
+            by[:, U] * along[:, W],
+            by[:, V] * along[:, W],
+        ]
+    )
+    told = np.hstack([by, patterns])
+    amounts = inverse(told.T @ told) @ (told.T @ fit.unshaded_hu[used])
+    u_less_v, uv, ww, uw, vw = amounts[-patterns.shape[1] :]
+    mapped = np.array([[1.0 + u_less_v, uv, uw], [uv, 1.0 - u_less_v, vw], [0.0, 0.0, 1.0 + ww]])
+    size = (float(fit.theta[RADIUS]) + amounts[RADIUS]) / radius_mm
+    shape: FloatArray = size**2 * mapped @ mapped.T
+    return shape
 
 
 def _unattached(fit: BallFit) -> NDArray[np.bool_]:
