@@ -91,10 +91,10 @@ def _output(code: str, names: dict[str, Any], page: Page, stem: str) -> str:
 
 def commands_page() -> str:
     """Return the help of every verb and of its actions."""
-    from ronnaplan.cli import _parser
+    from ronnaplan.cli import command_parser
 
     os.environ["COLUMNS"] = "100"
-    described = "\n".join(_described(_parser(), "##"))
+    described = "\n".join(_described(command_parser(), "##"))
     return f"# Commands\n\nAs `ronnaplan VERB --help` and `ronnaplan VERB ACTION --help` say it.\n{described}"
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from ronnaplan.cli import _parser, main
+from ronnaplan.cli import command_parser, main
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -41,7 +41,7 @@ def test_every_command_runs_as_printed(
     assert len(run) > 10
     for arguments in run:
         if arguments[0] in SERVERS:
-            _parser().parse_args(arguments)
+            command_parser().parse_args(arguments)
             continue
         assert main(arguments) == 0, (arguments, capsys.readouterr().err)
     told = capsys.readouterr()
@@ -68,7 +68,7 @@ def test_every_command_of_the_pages_is_one_that_the_program_takes() -> None:
     shown = [one for page in pages for one in commands(page)]
     asked = [one for one in shown if not re.search(r"[\[|]|\.\.\.|\d\.\.\d", " ".join(one))]
     assert len(asked) > 50
-    parser = _parser()
+    parser = command_parser()
     for arguments in asked:
         parser.parse_args(arguments[: arguments.index(">")] if ">" in arguments else arguments)
 

@@ -149,7 +149,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Return what a command line says; its ``run`` does it. Raises `UsageError`."""
     given = sys.argv[1:] if arguments is None else arguments
     named = [verb for verb in VERBS if verb in given[:1]]
-    parsed = _parser(named or VERBS).parse_args(given)
+    parsed = command_parser(named or VERBS).parse_args(given)
     if vars(parsed).get("output") == "-":  # by which other programs mean standard output
         raise UsageError("-o - names no file; leave -o out for standard output, where that is its default")
     return parsed
@@ -198,7 +198,8 @@ def _let_any_text_out() -> None:
             stream.reconfigure(errors="replace")
 
 
-def _parser(names: Iterable[str] = VERBS) -> argparse.ArgumentParser:
+def command_parser(names: Iterable[str] = VERBS) -> argparse.ArgumentParser:
+    """Return what parses these verbs; the module of each is loaded for it."""
     parser = _Parser(prog="ronnaplan", description=DESCRIPTION, epilog=NOTICE)
     parser.add_argument("--version", action="version", version=f"ronnaplan {__version__}")
     verbs = parser.add_subparsers(metavar="VERB", required=True, parser_class=_Parser)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from ronnaplan.cli import _parser, main, parse
+from ronnaplan.cli import command_parser, main, parse
 from ronnaplan.text import NOTICE
 from tests.cli.calls import run
 
@@ -38,14 +38,14 @@ def parsers(one: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
 
 
 def test_every_help_says_what_this_is_not() -> None:
-    found = list(parsers(_parser()))
+    found = list(parsers(command_parser()))
     assert len(found) > 40
     assert {one.epilog for one in found} == {NOTICE}
 
 
 def test_every_option_says_what_it_is_and_what_stands_where_it_is_left_out() -> None:
     options = [
-        (one.prog, option) for one in parsers(_parser()) for option in one._actions if option.option_strings
+        (one.prog, option) for one in parsers(command_parser()) for option in one._actions if option.option_strings
     ]
     assert len(options) > 200
     for verb, option in options:
