@@ -14,7 +14,7 @@ from ronnaplan.report.contact import Candidate, Pair, cut_pairs, draw_row
 if TYPE_CHECKING:
     from ronnaplan.documents.fiducials import Resolution as ResolutionEntry
     from ronnaplan.localization import Build, Resolution
-    from ronnaplan.localization.again import KnownScan
+    from ronnaplan.localization.known_scan import KnownScan
 
 AGREEMENT_MM = 0.05
 """A marker that is found again farther than this from where its document says it is raises a warning."""
@@ -43,7 +43,7 @@ class MarkerPicture:
 def marker_pictures(volume: CTVolume, found: FiducialsDocument) -> list[MarkerPicture]:
     """Fit every marker of a document again in its scan; the pictures hold what they show, and no voxels."""
     from ronnaplan.localization import Build
-    from ronnaplan.localization.again import KnownScan
+    from ronnaplan.localization.known_scan import KnownScan
 
     known = KnownScan.of(volume, None if found.resolution is None else _resolution(found.resolution))
     build = Build(found.marker.layer_mm)
