@@ -24,6 +24,7 @@ from ronnaplan.ct.header import (
     Elements,
     element_name,
 )
+from ronnaplan.ct.limits import DEFAULT_LIMITS, LARGE_DEFLATED
 from ronnaplan.ct.slices import MULTI_FRAME_CLASSES, Instance, PixelFormat, SliceImage
 from ronnaplan.ct.values import Vector, number_or_none, numbers, text, values
 
@@ -86,12 +87,19 @@ def _why_not_pixels(pixels: PixelFormat) -> str | None:
             )
     if pixels.length is None:
         return why_not_decoded(pixels)
+    return _why_not_plain(pixels, pixels.length)
+
+
+def _why_not_plain(pixels: PixelFormat, length: int) -> str | None:
     if pixels.transfer_syntax not in PLAIN_SYNTAXES:
         plain = f"its transfer syntax {pixels.transfer_syntax} should be encapsulated but is not"
         return why_not_decoded(pixels) or plain
+    is_deflated = pixels.transfer_syntax == DEFLATED_LITTLE
+    if is_deflated and pixels.frames > 1 and length > DEFAULT_LIMITS.header_bytes:
+        return LARGE_DEFLATED
     declared = pixels.frame_bytes * pixels.frames
-    if not declared <= pixels.length <= declared + declared % 2:  # a value is filled up to an even length
-        return f"it declares {declared} bytes of pixels but holds {pixels.length}"
+    if not declared <= length <= declared + declared % 2:  # a value is filled up to an even length
+        return f"it declares {declared} bytes of pixels but holds {length}"
     return None
 
 

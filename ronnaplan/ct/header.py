@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from ronnaplan.ct import tags
 from ronnaplan.ct.files import Blob, DamagedError, NotDicomError
-from ronnaplan.ct.limits import Limits
+from ronnaplan.ct.limits import LARGE_DEFLATED, Limits
 from ronnaplan.text import printable
 
 IMPLICIT_LITTLE: Final = "1.2.840.10008.1.2"
@@ -122,7 +122,7 @@ def _parse(buffer: bytes, size: int, limits: Limits) -> Header:
     syntax = printable(meta.get(tags.TRANSFER_SYNTAX_UID, b"").rstrip(b"\0 ").decode("ascii", "replace"))
     if syntax == DEFLATED_LITTLE:
         if len(buffer) < size:
-            raise _MoreNeededError
+            raise _MoreNeededError if size <= limits.header_bytes else DamagedError(LARGE_DEFLATED)
         buffer = inflate(buffer[start:], limits.header_bytes)
         start, size = 0, len(buffer)
     big = syntax == EXPLICIT_BIG

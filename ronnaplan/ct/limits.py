@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 MIB = 1 << 20
 GIB = 1 << 30
 INT16_BITS = 16
+LARGE_DEFLATED = "it is deflated as a whole, and too large to be unpacked for each image; export it uncompressed"
+"""Why a file is not read of which each image would have all before it unpacked anew."""
 
 
 @dataclass(frozen=True)

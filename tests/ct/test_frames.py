@@ -110,6 +110,24 @@ def test_a_multi_frame_ct_is_read_from_its_functional_groups(tmp_path: Path) -> 
     assert np.allclose(volume.grid.positions_mm(np.array([0, 1, 1.0])), [-10 + 0.75, -20 + 0.5, 30])
 
 
+@pytest.mark.parametrize(("frames", "noise"), [(9, 0), (2, 0), (9, 30_000)])
+def test_a_deflated_ct_of_which_each_frame_would_unpack_much_is_refused(
+    tmp_path: Path, frames: int, noise: int
+) -> None:
+    """Small ones are read. 300 frames of 512 x 512 took many minutes, or were refused for too long a header."""
+    made = enhanced(frames)
+    made.Rows = made.Columns = 1024
+    values = np.random.default_rng(0).integers(0, noise + 1, (frames, 1024, 1024))
+    made.PixelData = values.astype(np.int16).tobytes()
+    save(made, tmp_path / "multi", "1.2.840.10008.1.2.1.99")
+    if frames == 2:
+        (series,) = find_series(tmp_path).series
+        assert series.problems == ("it has 2 slices only; a volume needs 3 or more",)
+        return
+    with pytest.raises(InputError, match="it is deflated as a whole, and too large"):
+        read_ct(tmp_path)
+
+
 def own_rescale(groups: Dataset, k: int) -> None:
     values = Dataset()
     values.RescaleSlope, values.RescaleIntercept, values.RescaleType = 1, -1000 - k, "HU"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import shlex
+import subprocess
 import zlib
 from pathlib import Path
 
@@ -20,7 +22,18 @@ from ronnaplan.node.logs import Log
 from ronnaplan.node.receiver import CLASSES, Receiver
 from tests.ct import makers
 from tests.node.audit_schema import conforming
-from tests.node.peers import Listening, associate, configuration, instance, listening, needs, save, send, until
+from tests.node.peers import (
+    Listening,
+    associate,
+    configuration,
+    instance,
+    listening,
+    needs,
+    program,
+    save,
+    send,
+    until,
+)
 
 pytestmark = needs("storescu", "echoscu")
 
@@ -39,6 +52,18 @@ def test_a_scan_that_a_scanner_sends_is_kept_as_it_is(node: Listening, tmp_path:
         (3, None, "CT1", "RONNAPLAN", "CT")
     ]
     assert not list((node.folder / "incoming").iterdir())
+
+
+def test_the_command_of_the_docs_sends_the_synthetic_scan(node: Listening) -> None:
+    """In the compression of its files, which storescu does not propose by itself."""
+    (line,) = [one for one in Path("docs/node.md").read_text("utf-8").splitlines() if "  storescu " in one]
+    command = shlex.split(line.replace(" 11112 ", f" {node.port} "))
+    done = subprocess.run([str(program("storescu")), *command[1:]], capture_output=True, timeout=120, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    sent = sorted(Path("data/synthetic_ct").glob("*.dcm"))
+    assert sorted(dcmread(path).SOPInstanceUID for path in node.files()) == sorted(
+        dcmread(path).SOPInstanceUID for path in sent
+    )
 
 
 def test_every_class_that_a_scan_or_an_answer_may_be_of_is_kept(node: Listening, tmp_path: Path) -> None:
