@@ -66,7 +66,7 @@ def hard_sets(count: int) -> Iterator[tuple[str, Sets]]:
     fours = np.vstack((ball(count // 4 + 1, 90.0),) * 4)[:count]
     yield "four at each place", read(fours)
     yield "four at each place without errors", (fours, fours + 3.0)
-    yield "all at one place", read(np.zeros((count, 3)))
+    yield "all at one place", read(np.zeros((count, 3)), 4.0)
     yield "line", read(np.linspace(0.0, 300.0, count)[:, None] * [1.0, 0.0, 0.0])
     for radius in (20.0, 45.0, 90.0, 300.0):
         yield f"unrelated in {radius:g} mm", (ball(count, radius), ball(count, radius))

@@ -31,6 +31,8 @@ def run_check(arguments: argparse.Namespace) -> int:
 
     case = read_named_case(arguments)
     assert case.plan is not None
+    if not case.plan.trajectories:
+        raise InputError("the plan has no trajectory to check; add one first")
     judged = case.judgements
     for one in judged:
         if one.problem:
@@ -43,10 +45,7 @@ def run_check(arguments: argparse.Namespace) -> int:
         write_atomically(arguments.output, measures_document(case.plan, measured, verdicts))
     warn(*unnamed_documents(arguments), *case.surroundings.doubts)
     warn(*(f"{one.trajectory.name}: {doubt}" for one in measured for doubt in one.doubts))
-    if measured:
-        print(f"{measures_table(measured, case.surroundings.expected)}\n\n{verdict_table(verdicts)}")
-    else:
-        warn("the plan holds no trajectories; nothing was checked")
+    print(f"{measures_table(measured, case.surroundings.expected)}\n\n{verdict_table(verdicts)}")
     if all_pass(verdicts):
         return 0
     broken = sum(not verdict.passes for verdict in verdicts)

@@ -344,15 +344,16 @@ def test_a_target_is_stated_from_the_mid_commissural_point(
     assert main(["plan", "edit", str(plan), "A", *scan, *from_middle, "--target", "1", "2", "3"]) == 2
 
 
-def test_checking_an_empty_plan_says_that_nothing_was_checked(
+def test_an_empty_plan_does_not_pass_a_check(
     ct: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    empty = tmp_path / "empty.json"
+    """As no export, report or placement takes one: a script would go on with a plan in which nothing was checked."""
+    empty, measures = tmp_path / "empty.json", tmp_path / "measures.json"
     assert main(["plan", "new", str(ct), "-o", str(empty)]) == 0
-    assert main(["plan", "check", str(empty), "--ct", str(ct)]) == 0
+    assert main(["plan", "check", str(empty), "--ct", str(ct), "-o", str(measures)]) == 1
     printed = capsys.readouterr()
-    assert "no trajectories" in printed.err
-    assert printed.out == ""  # no heads of tables that hold nothing
+    assert "the plan has no trajectory to check; add one first" in printed.err
+    assert (printed.out, measures.exists()) == ("", False)
 
 
 BAD = [
