@@ -33,9 +33,10 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(
             "what is compiled cannot be kept; name a folder that may be written to by NUMBA_CACHE_DIR"
         )
-    scan = made_scan()
-    common_diameter(scan)
-    found = localize(scan, diameter_mm=DIAMETER_MM, expected=len(MARKERS_MM))
+    for whole in (False, True):
+        scan = made_scan(whole=whole)
+        common_diameter(scan)
+        found = localize(scan, diameter_mm=DIAMETER_MM, expected=len(MARKERS_MM))
     describe_layout(NEARLY_A_SQUARE_MM).refusal_probability()
     both = found.centers, found.centers[::-1].copy()
     match_points(*both, covariances_ct_mm2=found.covariances, covariances_ots_mm2=found.covariances)
@@ -101,8 +102,11 @@ def see_sphere() -> None:
         find_outlines(image.astype(kind), camera)
 
 
-def made_scan() -> CTVolume:
-    """Return a noisy scan of balls in air, above a slab and beside bone; their shares of voxels are counted."""
+def made_scan(*, whole: bool) -> CTVolume:
+    """Return a noisy scan of balls in air, above a slab and beside bone; their shares of voxels are counted.
+
+    Values are ``whole``, as scanners store them, or have fractions: of a rescale slope that is none, or of a program.
+    """
     import numpy as np
 
     from ronnaplan.ct import CTVolume
@@ -122,4 +126,4 @@ def made_scan() -> CTVolume:
     blurred = sum(np.roll(hu, step, axis=axis) for axis in (1, 2) for step in (-1, 0, 1)) / 6.0
     affine = np.zeros((4, 4))
     affine[2, 0], affine[1, 1], affine[0, 2], affine[3, 3] = *spacing_mm, 1.0
-    return CTVolume.from_array(np.round(blurred).astype(np.int16), affine)
+    return CTVolume.from_array(np.round(blurred).astype(np.int16) if whole else blurred, affine)

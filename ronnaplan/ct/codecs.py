@@ -66,12 +66,12 @@ def why_not_decoded(pixels: PixelFormat) -> str | None:
     """Return why compressed pixels cannot be read, naming their transfer syntax, or None if they can."""
     transfer_syntax = pixels.transfer_syntax
     if transfer_syntax == JPEG_EXTENDED and pixels.bits_stored > 8:
-        return f"its transfer syntax {JPEG_EXTENDED} ({_JPEG_12_BITS}) is not supported"
+        return f"its transfer syntax {JPEG_EXTENDED} ({_JPEG_12_BITS}) is not supported; export it uncompressed"
     if transfer_syntax in PLUGINS or transfer_syntax in JPEG_LOSSLESS:
         return None
     known = PACKAGES.get(transfer_syntax)
     named = f"{transfer_syntax} ({known})" if known else f"{transfer_syntax} (unknown; gdcmconv may know it)"
-    return f"its transfer syntax {named} is not supported"
+    return f"its transfer syntax {named} is not supported; export it uncompressed"
 
 
 def tells_loss(image: SliceImage) -> bool:

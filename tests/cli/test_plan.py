@@ -344,9 +344,7 @@ def test_a_target_is_stated_from_the_mid_commissural_point(
     assert main(["plan", "edit", str(plan), "A", *scan, *from_middle, "--target", "1", "2", "3"]) == 2
 
 
-def test_an_empty_plan_does_not_pass_a_check(
-    ct: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_empty_plan_does_not_pass_a_check(ct: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """As no export, report or placement takes one: a script would go on with a plan in which nothing was checked."""
     empty, measures = tmp_path / "empty.json", tmp_path / "measures.json"
     assert main(["plan", "new", str(ct), "-o", str(empty)]) == 0

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import SimpleITK as sitk
 
 from tests.cli.calls import run
 
@@ -33,21 +34,24 @@ print(json.dumps(told))
 
 
 def test_after_prepare_localize_and_register_compile_nothing_and_import_little(tmp_path: Path) -> None:
-    """Of whatever size the markers are, and however alike the orders that they fit in."""
-    found = str(tmp_path / "fiducials.json")
+    """Of whatever size the markers are, in fractions of HU, too, and however alike the orders that they fit in."""
+    found, fractions = str(tmp_path / "fiducials.json"), str(tmp_path / "fractions.nrrd")
+    scan = sitk.ReadImage([str(path) for path in sorted((ROOT / "data/synthetic_ct").glob("*.dcm"))])
+    sitk.WriteImage(sitk.Cast(scan, sitk.sitkFloat32) + 0.25, fractions)
     commands = [
         ["prepare"],
         ["localize", "data/synthetic_ct", "--diameter", "auto", "-o", found],
         ["register", found, "data/synthetic_ct/readings.csv", "-o", str(tmp_path / "registration.json")],
+        ["localize", fractions, "--diameter", "auto", "-o", str(tmp_path / "fractions.json")],
     ]
     done = subprocess.run(
         [sys.executable, "-c", COUNT + LAID_OUT, json.dumps(commands)],
         cwd=ROOT, capture_output=True, text=True, check=True,
     )  # fmt: skip
-    (prepared, localized, registered), laid_out = map(json.loads, done.stdout.splitlines())
-    assert [one[0] for one in (prepared, localized, registered)] == [0, 0, 0]
+    (prepared, localized, registered, again), laid_out = map(json.loads, done.stdout.splitlines())
+    assert [one[0] for one in (prepared, localized, registered, again)] == [0, 0, 0, 0]
     assert sum(map(len, prepared[1].values())) > 10
-    for compiled in (localized[1], registered[1], laid_out):
+    for compiled in (localized[1], registered[1], again[1], laid_out):
         assert {name: kinds for name, kinds in compiled.items() if kinds != prepared[1].get(name, [])} == {}
     heavy = {"pydicom", "gdcm", "requests", "matplotlib", "SimpleITK", "skimage", "pandas", "pyvista", "trame"}
     assert not heavy & set(localized[2])

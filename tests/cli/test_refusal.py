@@ -17,7 +17,7 @@ from ronnaplan.ct import CTVolume
 
 def test_a_refused_template_leaves_a_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scan, sheet, template = tmp_path / "scan.nii", tmp_path / "sheet.png", tmp_path / "template.json"
-    sitk.WriteImage(made_scan().to_sitk(), scan)
+    sitk.WriteImage(made_scan(whole=True).to_sitk(), scan)
     frame = {
         "format": "ronnaplan.template",
         "version": 1,

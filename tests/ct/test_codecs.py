@@ -1,4 +1,6 @@
+import base64
 import struct
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -98,15 +100,33 @@ def test_an_image_once_compressed_with_loss_is_flagged_though_no_longer_compress
     assert read_ct(tmp_path).flags == (VolumeFlag.LOSSY,)
 
 
+ROWS, COLUMNS = np.indices((12, 16))
+HTJ2K_VALUES = (16 * ROWS * COLUMNS - 7 * ROWS - 1000 + (5 * ROWS + 3 * COLUMNS) % 7).astype(np.int16)
+HTJ2K_STREAM = base64.b64decode(
+    "/0//UQApQAAAAAAQAAAADAAAAAAAAAAAAAAAEAAAAAwAAAAAAAAAAAABjwEB/1AACAACAAAACf9SAAwAAgABAAEEBEAB/1wAByCIiIiI/2QAFwAB"
+    "T3BlbkpQSCBWZXIgMC4yNi4zLv+QAAoAAAAAAM8AAf+TwAAvTs2Hv/hlHz/u8WcmP17yZR0/TvJV/L8DAd/0fx8FtHkAHf67yYDgfANpDqpw4+Tm"
+    "UHOOqdxgnnB2GI/gBEbPAJSliDwLK4RjAMYYwDGwAcAALoYAAXSQAAt8czKUEwohzlh2BDviBCa3QEBf6Usi/cnvz2HL5J8qPr4AOqiBKrGHdiIR"
+    "G1APYAT0AjADar5gCEALIMSSME4tbDz1abAByfIV6lXKV1ifwtLVIj5OlcEhZT9OLxfaPdJaXgzeAP/Z"
+)
+"""These values, losslessly, as OpenJPH 0.26.3 wrote them."""
+
+
 @pytest.mark.parametrize("syntax", HTJ2K)
-def test_htj2k_goes_to_the_jpeg_2000_decoder_which_knows_both(tmp_path: Path, syntax: str) -> None:
-    """No free encoder of HTJ2K is at hand, so the streams are of the older kind, under the newer name."""
-    series(tmp_path, JPEG_2000, signed=True)
-    for path in tmp_path.iterdir():
-        path.write_bytes(relabelled(path.read_bytes(), syntax))
+def test_htj2k_gives_the_very_values(tmp_path: Path, syntax: str) -> None:
+    for k in range(3):
+        made = dataset(k, stored=HTJ2K_VALUES)
+        made.PixelData = encapsulate([HTJ2K_STREAM])
+        made["PixelData"].VR, made["PixelData"].is_undefined_length = "OB", True
+        save(made, tmp_path / str(k), syntax)
     volume = read_ct(tmp_path)
-    assert np.array_equal(volume.voxels_hu[1], stored(1, signed=True) - 1024)
+    assert np.array_equal(volume.voxels_hu[1], HTJ2K_VALUES - 1024)
     assert (VolumeFlag.LOSSY in volume.flags) == (syntax == HTJ2K[-1])
+
+
+@pytest.mark.parametrize("kept", [-3, -40, 200])
+def test_an_htj2k_stream_cut_short_is_refused(kept: int) -> None:
+    with pytest.raises(InputError, match="Error decoding the J2K data"):
+        decode_frame(HTJ2K_STREAM[:kept] + b"\xff\xd9", replace(pixel_format(12, 16, HTJ2K[0]), is_signed=True))
 
 
 def pixel_format(rows: int, columns: int, syntax: str) -> PixelFormat:
@@ -138,7 +158,10 @@ def test_an_unsupported_syntax_is_refused_with_its_name_and_what_would_help(
 @pytest.mark.parametrize(
     ("syntax", "says"),
     [
-        ("1.2.840.113619.5.2", r"1\.2\.840\.113619\.5\.2 \(unknown; gdcmconv may know it\) is not supported"),
+        (
+            "1.2.840.113619.5.2",
+            r"\.5\.2 \(unknown; gdcmconv may know it\) is not supported; export it uncompressed",
+        ),
         ("1.2.840.10008.1.2.4.80", "should be encapsulated but is not"),
     ],
 )
