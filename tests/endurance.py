@@ -162,7 +162,7 @@ def many_hands(seconds: float, folder: Path) -> Counter[str]:
     """Change one plan from two planners and eight command lines for ``seconds``."""
     cases.write_case(folder)
     path, counts = folder / "plan.json", Counter[str]()
-    planners = [Planner(folder) for _ in range(2)]
+    planners = [Planner(folder, surfaces=True) for _ in range(2)]
     end = time.monotonic() + seconds
     try:
         with ThreadPoolExecutor() as hands:

@@ -9,9 +9,11 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -71,14 +73,17 @@ needs_browser = pytest.mark.skipif(_REASON is not None, reason=_REASON or "")
 
 
 class Planner:
-    """A running ``ronnaplan view``: its folder, its address, and how to kill it."""
+    """A running ``ronnaplan view``: its folder, its address, and how to kill it.
 
-    def __init__(self, folder: Path, *options: str) -> None:
+    Without ``surfaces`` its head has neither skin nor skull, to make which takes most of its processor's time.
+    """
+
+    def __init__(self, folder: Path, *options: str, surfaces: bool = False) -> None:
         self.folder = folder
         command = [sys.executable, "-m", "ronnaplan", "view", str(cases.CT), "--plan", str(folder / "plan.json")]
         self.process = subprocess.Popen(
             [*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder,
-            env=environment(),
+            env=environment(surfaces=surfaces),
         )  # fmt: skip
         assert self.process.stdout is not None
         self.url = self.process.stdout.readline().strip()
@@ -90,14 +95,23 @@ class Planner:
         self.process.communicate()
 
 
-def environment() -> dict[str, str]:
-    """This process's environment with the project on its path."""
-    return {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])}
+def environment(*, surfaces: bool = True) -> dict[str, str]:
+    """This process's environment with the project on its path; without ``surfaces`` as where VTK ends its process."""
+    paths = [str(Path(__file__).resolve().parents[2])] + ([] if surfaces else [_without_pyvista().name])
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+
+
+@cache
+def _without_pyvista() -> tempfile.TemporaryDirectory[str]:
+    """A folder whose pyvista comes before the one that is installed, and ends who loads it; it goes with the tests."""
+    folder = tempfile.TemporaryDirectory()
+    Path(folder.name, "pyvista.py").write_text("import os\nos._exit(1)\n")
+    return folder
 
 
 @contextmanager
-def planner(folder: Path, *options: str) -> Iterator[Planner]:
-    running = Planner(folder, *options)
+def planner(folder: Path, *options: str, surfaces: bool = False) -> Iterator[Planner]:
+    running = Planner(folder, *options, surfaces=surfaces)
     try:
         yield running
     finally:

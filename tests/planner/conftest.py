@@ -62,10 +62,10 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Planner]:
 
 @pytest.fixture(scope="session")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Planner]:
-    """A planner for the tests that plan nothing."""
+    """A planner for the tests that plan nothing; its head has skin and skull."""
     folder = cases.write_case(tmp_path_factory.mktemp("shared"))
     cases.write_readings(folder / "readings.csv")
-    with planner(folder) as one:
+    with planner(folder, surfaces=True) as one:
         yield one
 
 

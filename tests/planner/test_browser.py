@@ -256,6 +256,7 @@ def test_pictures_come_with_the_page_and_no_other_host_is_asked_nor_a_patient_na
     own = urlsplit(shared.url).netloc
     assert sum(url.endswith("/page.js") for url in page.requested) == 1  # and not again, once ahead
     assert {urlsplit(url).netloc for url in page.requested if not url.startswith(("data:", "blob:"))} == {own}
+    assert page.locator("#patient").count() == 0
     name = "SYNTHETIC"
     assert name not in page.content().upper()
     assert name not in page.evaluate("JSON.stringify(window.trame.state.state)").upper()

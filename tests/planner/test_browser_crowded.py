@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -67,14 +68,22 @@ def full(tmp_path_factory: pytest.TempPathFactory) -> Any:
         yield one
 
 
-@pytest.mark.parametrize(("width", "height"), [(390, 844), (640, 400), (1280, 800)])
-def test_long_names_stay_within_their_line_and_are_whole_in_their_title(
-    browser: Any, full: Planner, width: int, height: int
-) -> None:
-    """A screen of 1,280 x 800 that is enlarged twice has 640 x 400."""
-    page = opened(browser, full.url, width, height)
+@pytest.fixture(scope="module")
+def page(running_browser: Any, full: Planner) -> Iterator[Any]:
+    """One page for all sizes: to list so much in a new one takes seconds."""
+    page = opened(running_browser, full.url)
     page.wait_for_selector("#errors td")  # which markers an error is expected with
     page.wait_for_selector("#broken td")
+    yield page
+    page.close()
+
+
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (640, 400), (1280, 800)])
+def test_long_names_stay_within_their_line_and_are_whole_in_their_title(
+    page: Any, width: int, height: int
+) -> None:
+    """A screen of 1,280 x 800 that is enlarged twice has 640 x 400."""
+    page.set_viewport_size({"width": width, "height": height})
     for tab in ("Registration", "Markers", "Trajectories"):
         page.click(f".rp-tab >> text={tab}")
         page.wait_for_selector(f".rp-tab[aria-selected=true] >> text={tab}")
@@ -96,9 +105,9 @@ def test_long_names_stay_within_their_line_and_are_whole_in_their_title(
 
 
 def test_what_stands_below_a_long_list_is_within_reach_and_what_is_selected_is_seen(
-    browser: Any, full: Planner
+    page: Any, browser: Any, full: Planner
 ) -> None:
-    page = opened(browser, full.url)
+    page.set_viewport_size({"width": 1280, "height": 800})
     page.wait_for_selector("#measures td")
     assert page.locator("#remarks").bounding_box()["height"] < 40  # flagged markers: a long sentence
     page.click("#remarks summary")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from tests.planner.browser import (
     fields,
     needs_browser,
     opened,
+    planner,
     seen_at,
     settled,
     value,
@@ -23,6 +25,13 @@ from tests.planner.browser import (
 )
 
 pytestmark = needs_browser
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Planner]:
+    """A planner whose head has skin and skull."""
+    with planner(cases.write_case(tmp_path_factory.mktemp("kept")), surfaces=True) as one:
+        yield one
 
 
 def drawn(page: Any, what: str, **named: str) -> dict[str, Any]:

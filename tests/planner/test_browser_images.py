@@ -44,7 +44,9 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Planner]:
     """A planner with a second image and a region."""
     folder = cases.write_case(tmp_path_factory.mktemp("images"))
     tumor = cases.write_label_map(folder / "labels" / "tumor.nrrd", side=24)
-    with planner(folder, "--second", str(write_negative(folder / "mr")), "--labels", str(tumor)) as one:
+    with planner(
+        folder, "--second", str(write_negative(folder / "mr")), "--labels", str(tumor), surfaces=True
+    ) as one:
         yield one
 
 

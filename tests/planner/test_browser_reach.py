@@ -4,27 +4,27 @@ from __future__ import annotations
 
 from typing import Any
 
-from ronnaplan.documents.plan import read_plan, write_plan
+from ronnaplan.documents.plan import change_plan, read_plan, write_plan
 from tests.planner.browser import PATIENCE_MS, Planner, eventually, needs_browser, opened, wait_until_whole
 
 pytestmark = needs_browser
 
 
-def test_nothing_that_comes_late_takes_the_place_of_the_page(browser: Any, shared: Planner) -> None:
+def test_nothing_that_comes_late_takes_the_place_of_the_page(browser: Any, kept: Planner) -> None:
     """A picture of waiting that comes after the page would be written over it: it is not asked for."""
-    page = opened(browser, shared.url)
+    page = opened(browser, kept.url)
     page.wait_for_timeout(500)
     assert not [url for url in page.requested if "loading" in url]
     assert page.title() == "ronnaplan"
 
 
-def test_the_page_asks_no_launcher_where_its_socket_is(browser: Any, shared: Planner) -> None:
-    page = opened(browser, shared.url)
+def test_the_page_asks_no_launcher_where_its_socket_is(browser: Any, kept: Planner) -> None:
+    page = opened(browser, kept.url)
     assert not [url for url in page.requested if "paraview" in url or "sessionURL" in url]
-    assert page.url == shared.url
+    assert page.url == kept.url
 
 
-def test_a_page_whose_connection_fails_or_is_cut_goes_on_by_itself(browser: Any, shared: Planner) -> None:
+def test_a_page_whose_connection_fails_or_is_cut_goes_on_by_itself(browser: Any, kept: Planner) -> None:
     page, lines = browser.new_page(), []
 
     def meet(line: Any) -> None:
@@ -36,7 +36,7 @@ def test_a_page_whose_connection_fails_or_is_cut_goes_on_by_itself(browser: Any,
 
     page.set_default_timeout(PATIENCE_MS)
     page.route_web_socket("**/ws", meet)
-    page.goto(shared.url)
+    page.goto(kept.url)
     page.wait_for_selector("text=took no connection from this page")
     wait_until_whole(page)
     page.evaluate("window.before = true")
@@ -65,12 +65,12 @@ ASKED = "**/planner_page/planner.css"
 
 
 def test_a_planner_that_was_only_held_up_is_gone_on_with_and_half_a_number_is_never_entered(
-    browser: Any, running: Planner
+    browser: Any, kept: Planner
 ) -> None:
     """The notice takes the focus from the field that is typed in, by which a browser enters what stands there."""
-    entered = running.folder / "plan.json"
+    entered = kept.folder / "plan.json"
     before = entered.read_bytes()
-    page = opened(browser, running.url)
+    page = opened(browser, kept.url)
     page.evaluate("window.before = true")
     page.locator("#entry-x").press("Control+a")
     page.keyboard.type("2")
@@ -93,11 +93,11 @@ def test_a_planner_that_was_only_held_up_is_gone_on_with_and_half_a_number_is_ne
     assert page.evaluate("window.before")
 
 
-def test_a_planner_that_ends_and_still_answers_has_no_page_loaded_anew(browser: Any, shared: Planner) -> None:
+def test_a_planner_that_ends_and_still_answers_has_no_page_loaded_anew(browser: Any, kept: Planner) -> None:
     """It closes its sockets first: a page loaded then would find nobody. The page's clock hardly goes meanwhile."""
     page, asked = browser.new_page(), []
     lines = lines_of(page)
-    page.goto(shared.url)
+    page.goto(kept.url)
     wait_until_whole(page)
     page.on("request", lambda request: asked.append(request.url))
     page.evaluate("window.before = true; let now = performance.now(); performance.now = () => (now += 0.001)")
@@ -111,12 +111,15 @@ def test_a_planner_that_ends_and_still_answers_has_no_page_loaded_anew(browser: 
 
 
 def test_what_is_half_typed_as_the_connection_is_cut_is_typed_again_and_never_into_another_field(
-    browser: Any, running: Planner
+    browser: Any, kept: Planner
 ) -> None:
-    plan, page = running.folder / "plan.json", browser.new_page()
-    before, lines = plan.read_bytes(), lines_of(page)
-    page.goto(running.url)
+    plan, page = kept.folder / "plan.json", browser.new_page()
+    lines = lines_of(page)
+    change_plan(plan, lambda plan: plan.edit("left", notes=""))
+    before = plan.read_bytes()
+    page.goto(kept.url)
     wait_until_whole(page)
+    page.wait_for_function("document.querySelector('#notes').value === ''")
 
     def cut() -> None:
         page.evaluate("window.before = true")
@@ -150,7 +153,7 @@ def test_what_is_half_typed_as_the_connection_is_cut_is_typed_again_and_never_in
     eventually(page, lambda: page.input_value("#entry-x") == "31")
 
 
-def test_a_page_whose_connection_was_cut_without_a_word_loads_itself_again(browser: Any, shared: Planner) -> None:
+def test_a_page_whose_connection_was_cut_without_a_word_loads_itself_again(browser: Any, kept: Planner) -> None:
     page = browser.new_page()
     cut: list[bool] = []
 
@@ -160,7 +163,7 @@ def test_a_page_whose_connection_was_cut_without_a_word_loads_itself_again(brows
 
     page.set_default_timeout(PATIENCE_MS)
     page.route_web_socket("**/ws", meet)
-    page.goto(shared.url)
+    page.goto(kept.url)
     wait_until_whole(page)
     page.evaluate("window.before = true")
     cut.append(True)

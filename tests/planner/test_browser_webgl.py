@@ -33,8 +33,8 @@ def changed(one: np.ndarray, other: np.ndarray) -> float:
     return float((np.abs(one - other).max(axis=2) > 25).mean())
 
 
-def test_the_browser_draws_turns_and_opens_the_head_and_gets_pictures_where_it_cannot(kept: Planner) -> None:
-    apart(look, kept.url)
+def test_the_browser_draws_turns_and_opens_the_head_and_gets_pictures_where_it_cannot(shared: Planner) -> None:
+    apart(look, shared.url)
 
 
 def look(url: str) -> None:

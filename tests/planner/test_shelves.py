@@ -129,7 +129,12 @@ def test_a_click_fetches_a_series_from_an_archive_and_opens_it(browser: Any, tmp
     (home := tmp_path / "home").mkdir()
     command = [sys.executable, "-m", "ronnaplan", "view", "--peer", f"ORTHANC@127.0.0.1:{archive.port}"]
     process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=home, env=environment()
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        cwd=home,
+        env=environment(surfaces=False),
     )
     try:
         for path in cases.CT.glob("*.dcm"):

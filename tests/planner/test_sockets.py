@@ -47,6 +47,12 @@ HOSTILE = {
     "a number for a secret": request("wslink.hello", {"secret": 5}, number="system:c0:0"),
 }
 
+WORST = (
+    *("claims 4 GB", "claims nothing", "half a header", "too long", "nested 10,000 deep", "no map"),
+    *("ends the server", "pushes any value", "a life of its own", "a map for arguments", "a number for a key"),
+)
+"""One of each kind: all are refused in one place, and each takes a page of its own to be sent to a planner."""
+
 
 @pytest.mark.parametrize("sent", HOSTILE.values(), ids=HOSTILE.keys())
 def test_what_our_page_does_not_send_is_refused_before_it_is_unpacked(sent: bytes) -> None:
@@ -108,9 +114,9 @@ def resident_bytes(planner: Planner) -> int:
 def test_hostile_pages_are_closed_and_take_no_memory_while_others_are_served(kept: Planner) -> None:
     async def attack() -> None:
         async with Page(kept.url) as watching:
-            for name, sent in HOSTILE.items():
+            for name in WORST:
                 async with Page(kept.url) as hostile:
-                    assert await hostile.is_cut_off(sent), name
+                    assert await hostile.is_cut_off(HOSTILE[name]), name
                 assert "result" in await watching.trigger("window", "bone"), name
             async with Page(kept.url) as hostile:
                 assert await hostile.is_cut_off("text where bytes are expected")

@@ -185,7 +185,7 @@ def started(scans: Path) -> Iterator[str]:
     command = [sys.executable, "-m", "ronnaplan", "view", "--root", str(scans)]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=scans.parent / "home",
-        env=environment(),
+        env=environment(surfaces=False),
     ) as process:  # fmt: skip
         assert process.stdout is not None
         yield process.stdout.readline().strip()
