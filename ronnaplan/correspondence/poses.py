@@ -197,7 +197,8 @@ def find_poses(
             batch = int(min(max(promised, LEAST_BATCH), LARGEST_BATCH))
             if poses and (top := max(poses, key=lambda pose: pose.log_evidence)) is not best:
                 best, size = top, max(float(chance.pair_probabilities(top.matrix, top.partner).sum()), least_size)
-            missed = float(search.missed(size, min(done / triangles, 1.0)))
+            # So long as nothing is sought it is missed; to count that took a tenth of a millisecond each time.
+            missed = float(search.missed(size, min(done / triangles, 1.0))) if size >= LEAST_PAIRS else 1.0
             if missed < acceptable or work_left <= 0:
                 break
     poses.sort(key=lambda pose: -pose.log_evidence)
@@ -287,10 +288,9 @@ def needed_hits(rest: int, chance: float, every: bool) -> tuple[int, int]:
 
 
 def refine(search: Search, matrices: FloatArray, needed: int) -> list[Pose]:
-    """Fit poses (K, 3, 4) to all pairs that they make, repeatedly; those that break a known one go.
-
-    So do those that make fewer than ``needed`` besides a seed's.
-    """
+    """Fit poses (K, 3, 4) to their pairs; those go that break a known one, or make too few, ``needed`` and a seed's."""
+    if len(matrices) == 0:
+        return []
     problem = search.problem
     reaches = np.array(REFINING_SIGMAS) * problem.sigma_mm
     matrices, partners = refined(problem.ct, problem.ots, search.grid, matrices, reaches)
