@@ -134,7 +134,10 @@ def decided(found: Found, others: float, of_pairs: FloatArray, least_probability
         reason = f"{len(given)} pairs fit but {problem.told} are expected; check the expected number"
         return Pairing.unmatched(reason, probability, rivals)
     moved = moved_pairs(problem, best.partner)
-    return Pairing("unique", given, probability, rivals[1:], doubtful=doubtful, moved=moved)
+    own = probability * of_pairs[certain]
+    return Pairing(
+        "unique", given, probability, rivals[1:], doubtful=doubtful, moved=moved, pair_probabilities=own
+    )
 
 
 def odds_of_turn(problem: Problem, given: IntArray) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.display import Shown
+from ronnaplan.geometry import FloatArray
 
 if TYPE_CHECKING:
     from ronnaplan.figures import Picture
@@ -69,6 +70,9 @@ class Pairing(Shown[tuple[int, int]]):
         (D, 2) pairs that fit but are not certain enough to be given; they are not in ``pairs``.
     moved
         (S, 2) points that do not fit but lie next to each other under the pairing, as a knocked marker would.
+    pair_probabilities
+        (L,) the probability of each of ``pairs`` that it is right, not two outliers, or an outlier and a marker, that
+        meet by chance; NaN from the published algorithm.
 
     """
 
@@ -80,6 +84,7 @@ class Pairing(Shown[tuple[int, int]]):
     touch: int | None = None
     doubtful: IntArray = field(default_factory=no_pairs)
     moved: IntArray = field(default_factory=no_pairs)
+    pair_probabilities: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def unmatched(cls, reason: str, probability: float = 0.0, rivals: tuple[Rival, ...] = ()) -> Pairing:
@@ -111,7 +116,9 @@ class Pairing(Shown[tuple[int, int]]):
     def _columns(self) -> Mapping[str, Sequence[object]]:
         kinds = {"paired": self.pairs, "doubtful": self.doubtful, "moved": self.moved}
         rows = [(int(ct), int(ots), kind) for kind, pairs in kinds.items() for ct, ots in pairs]
-        return {name: [row[number] for row in rows] for number, name in enumerate(("ct", "ots", "kind"))}
+        columns = {name: [row[number] for row in rows] for number, name in enumerate(("ct", "ots", "kind"))}
+        stated = self.pair_probabilities.tolist()  # of those that are paired, the first rows
+        return {**columns, "probability": stated + [float("nan")] * (len(rows) - len(stated))}
 
     def plot(self) -> Picture:
         """Return how far behind the most probable pairing its rivals are, in nats of evidence."""
@@ -138,6 +145,7 @@ class Pairing(Shown[tuple[int, int]]):
             touch=self._partner_to_touch(),
             doubtful=exchanged(self.doubtful),
             moved=exchanged(self.moved),
+            pair_probabilities=self.pair_probabilities[np.argsort(self.pairs[:, 1], kind="stable")],
         )
 
     def _partner_to_touch(self) -> int | None:

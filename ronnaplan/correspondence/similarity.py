@@ -66,7 +66,8 @@ def match_by_similarity(
     if len(i) == 0:
         reason = f"no tolerance from {e_start_mm:g} to {e_stop_mm:g} mm leaves one pairing of {count} points"
         return Pairing.unmatched(reason, math.nan)
-    return Pairing("unique", np.column_stack((i, partner[i])), math.nan)
+    stated = np.full(len(i), math.nan)
+    return Pairing("unique", np.column_stack((i, partner[i])), math.nan, pair_probabilities=stated)
 
 
 @njit(cache=True, nogil=True)

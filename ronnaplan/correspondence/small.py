@@ -38,6 +38,8 @@ MOST_ODDS_AGAINST_KNOWN = 100.0
 """Known pairs are not believed where pairings that contradict them are so many times as probable without them: about as
 rarely does a person point at the wrong marker."""
 
+ON_A_LINE = "the paired points lie on one line, so the rotation about it is unknown; add a marker off the line"
+
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
@@ -138,12 +140,12 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
         )
         return Pairing.ambiguous(reason, probability, rivals, touch=best_touch(weighed, posterior))
     if is_collinear(problem.ct[pairs[:, 0]], problem.pair_variances(*pairs.T)):
-        reason = (
-            "the paired points lie on one line, so the rotation about it is unknown; add a marker off the line"
-        )
-        return Pairing.ambiguous(reason, probability, rivals)
-    left_out = pairs_of(np.where(core < 0, weighed.partners[0], -1))
-    return Pairing("unique", pairs, probability, rivals[1:], doubtful=left_out, moved=moved_pairs(problem, core))
+        return Pairing.ambiguous(ON_A_LINE, probability, rivals)
+    left_out, moved = pairs_of(np.where(core < 0, weighed.partners[0], -1)), moved_pairs(problem, core)
+    own = posterior @ (weighed.partners[:, pairs[:, 0]] == pairs[:, 1]) / (1.0 + beside)
+    return Pairing(
+        "unique", pairs, probability, rivals[1:], doubtful=left_out, moved=moved, pair_probabilities=own
+    )
 
 
 def contradicts_known(problem: Problem) -> bool:

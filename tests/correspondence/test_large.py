@@ -280,3 +280,28 @@ def test_points_that_stand_twice_are_no_second_body() -> None:
     points = ball(np.random.default_rng(3), 10, 90.0)
     twice = np.vstack((points, points))
     assert "two rigid bodies" not in match_points(twice, twice).reason
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_a_pair_is_doubtful_where_more_is_required_than_its_own_probability(seed: int) -> None:
+    """Which of the pairs is the least sure was told nowhere."""
+    ct, ots, _ = cloud(seed, 20, 12, 60.0)
+    found = match_points(ct, ots)
+    least = int(found.pair_probabilities.argmin())
+    own = (
+        found.pair_probabilities[least] / found.probability
+    )  # given the pose, whose own probability is judged first
+    stricter, as_strict = (match_points(ct, ots, least_probability=own + more) for more in (1e-6, -1e-6))
+    assert stricter.doubtful.tolist() == [found.pairs[least].tolist()]
+    assert as_strict.pairs.tolist() == found.pairs.tolist()
+
+
+def test_the_probability_of_each_pair_follows_it_when_the_sets_are_exchanged() -> None:
+    ct, ots, _ = cloud(3, 20, 12, 60.0)
+    forth = match_points(ct, ots[:-1])
+    back = match_points(ots[:-1], ct, sigma_ct_mm=SIGMA_OTS, sigma_ots_mm=SIGMA_CT)
+    own = {(i, j): p for (i, j), p in zip(forth.pairs.tolist(), forth.pair_probabilities, strict=True)}
+    assert own == pytest.approx(
+        {(i, j): p for (j, i), p in zip(back.pairs.tolist(), back.pair_probabilities, strict=True)}, abs=1e-9
+    )
+    assert len(set(own.values())) > 10

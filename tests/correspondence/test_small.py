@@ -87,6 +87,10 @@ def test_every_pairing_of_a_small_case_is_weighed_as_brute_force_does() -> None:
     for rival in pairing.rivals:
         key = tuple(rival.pairs[:, 0].tolist()), tuple(rival.pairs[:, 1].tolist())
         assert rival.log_evidence_below == pytest.approx(np.log(weights[best] / weights[key]), abs=1e-4)
+    held = [
+        sum(w for key, w in weights.items() if pair in zip(*key, strict=True)) for pair in zip(*best, strict=True)
+    ]
+    assert pairing.pair_probabilities == pytest.approx(np.array(held) / (sum(weights.values()) + chance), abs=1e-7)
 
 
 @pytest.mark.parametrize("expected", [6, None])
