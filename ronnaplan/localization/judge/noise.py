@@ -11,7 +11,7 @@ from kernelcache import njit
 from ronnaplan.geometry import SD_PER_DEVIATION, FloatArray
 from ronnaplan.localization.fit.algebra import quantile
 from ronnaplan.localization.fit.ball_fit import BallFit
-from ronnaplan.localization.fit.cells import cell_means, direction_cell
+from ronnaplan.localization.fit.cells import CELL_COUNT, cell_means, direction_cell
 from ronnaplan.localization.fit.depth import SURFACE_BLURS, depth_and_blur
 from ronnaplan.localization.fit.parameters import BACKGROUND, U, V, W
 from ronnaplan.localization.fit.shading import QUANTIZATION_NOISE_HU
@@ -21,9 +21,6 @@ CUT_OFF_SHARE = 0.6
 
 MIN_FLAT_VOXELS = 30
 """A zone with fewer voxels says nothing of the noise."""
-
-MIN_FREEDOM = 0.3
-"""Share of a zone's voxels that is left at least after each direction has used one for its mean."""
 
 
 def noise_level(fit: BallFit) -> float:
@@ -72,26 +69,26 @@ def _quieter(
 def _noise(residuals: FloatArray, zones: NDArray[np.int8], zone: int, cells: NDArray[np.intp]) -> float:
     """Return the noise of the voxels (N,) of a ``zone``, beside the mean of each of their ``cells`` (N,).
 
-    Infinity where they are too few.
+    Infinity where they are too few. What a mean of ``count`` voxels takes up of their noise is given back; a voxel that
+    is alone in its cell is its own mean, and tells nothing.
     """
-    is_there, count = zones == zone, 0
-    for there in is_there:  # counted here, for numpy's counting within a kernel loads scipy.linalg
-        count += there
-    if count < MIN_FLAT_VOXELS:
-        return math.inf
+    is_there, counts = zones == zone, np.zeros(CELL_COUNT)
     means = cell_means(residuals, cells, is_there)
-    left_over, upper = np.empty(count), np.empty(count)
-    at = above = told = 0
     for n in range(len(zones)):
         if is_there[n]:
-            left_over[at] = residuals[n] - means[cells[n]]
-            at += 1
-    for mean in means:
-        told += not math.isnan(mean)
-    middle = quantile(left_over, 0.5)
-    for left in left_over:
+            counts[cells[n]] += 1.0
+    left_over, told = np.empty(len(zones)), 0
+    for n in range(len(zones)):
+        cell = cells[n]
+        if is_there[n] and counts[cell] > 1.0:
+            left_over[told] = (residuals[n] - means[cell]) / math.sqrt(1.0 - 1.0 / counts[cell])
+            told += 1
+    if told < MIN_FLAT_VOXELS:
+        return math.inf
+    middle = quantile(left_over[:told], 0.5)
+    upper, above = np.empty(told), 0
+    for left in left_over[:told]:
         if left >= middle:
             upper[above] = left - middle
             above += 1
-    freedom = max(1.0 - told / count, MIN_FREEDOM)
-    return float(SD_PER_DEVIATION * quantile(upper[:above], 0.5) / math.sqrt(freedom))
+    return float(SD_PER_DEVIATION * quantile(upper[:above], 0.5))

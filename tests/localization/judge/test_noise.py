@@ -60,6 +60,13 @@ def test_the_level_of_white_noise_is_measured_to_a_fifth(quiet: CTVolume, noise_
     assert noise_level(fit_of(with_white_noise(quiet, noise_hu))) == pytest.approx(noise_hu, rel=0.2)
 
 
+def test_the_noise_of_a_small_ball_is_told_though_most_directions_show_a_single_voxel_of_it() -> None:
+    """Such a voxel is its direction's mean: it looked as if there were no noise, and noisy balls were turned down."""
+    small = scan(balls([(1.0, 2.0, 3.0)], 5.0), small_stack(), noise_hu=0.0)
+    fit = fit_place(Scan(with_white_noise(small, 100.0)), np.array([1.2, 1.9, 2.8]), 5.0)
+    assert noise_level(fit) == pytest.approx(100.0, rel=0.25)
+
+
 @pytest.mark.parametrize("begins_hu", [-950.0, -900.0, -800.0, -700.0])
 def test_the_noise_of_a_ball_is_told_where_the_scale_cuts_that_of_air_off(
     quiet: CTVolume, begins_hu: float
