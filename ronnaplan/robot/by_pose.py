@@ -32,6 +32,8 @@ ONE_CAUSE = 0.1
 """So likely beforehand is each of the fields that have one cause, in parts of that which may have any."""
 LEAST_SPREAD = 0.01
 """Places that lie nearer together, in parts of their distance from the tracker, tell nothing of its scale."""
+LEAST_SHOWN = 30.0
+"""So many times its noise has to be what places show of a scale: of a tool that swings about its tip that is noise."""
 ROUNDS = 3
 """Each weighs rotations and places by the noise that the one before it tells."""
 LEAST_VARIANCE = 1e-12
@@ -110,6 +112,20 @@ def fields(
         Cause.BENDING: _linear(in_plane, of_reach / np.sqrt(3)),
         Cause.SCALE: scaled,
     }
+
+
+def shows_scale(seen: FloatArray, ots_from_m: FloatArray, design: FloatArray, sd_mm: float) -> bool:
+    """Tell whether a scale can show in poses ``seen`` (N, 4, 4) of places that err by ``sd_mm``, or noise alone.
+
+    It shows in what the fit's constants, ``design`` (N, 6, p), leave of the places ``ots_from_m`` (N, 4, 4), as the
+    robot tells them. Of a tool that swings about its tip that is the robot's noise, which is in the poses' errors,
+    too, and then makes up for them with a scale of its own.
+    """
+    field = np.zeros((len(seen), 6))
+    field[:, 3:] = np.einsum("nji,nj->ni", seen[:, :3, :3], ots_from_m[:, :3, 3]) / sd_mm
+    flat = design.reshape(field.size, -1)
+    left = field.ravel() - flat @ np.linalg.lstsq(flat, field.ravel(), rcond=None)[0]
+    return bool(left @ left > LEAST_SHOWN**2 * field[:, 3:].size)
 
 
 def spread_mm(poses: FloatArray) -> float:

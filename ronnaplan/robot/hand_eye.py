@@ -29,7 +29,7 @@ from ronnaplan.pose import (
     point_jacobian,
     rigid,
 )
-from ronnaplan.robot.by_pose import Cause, Suspicion, fields, spread_mm
+from ronnaplan.robot.by_pose import Cause, Suspicion, fields, shows_scale, spread_mm
 from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.hand_eye_found import HandEye
 from ronnaplan.robot.hand_eye_start import FINEST, closed_form, discrepancies, far_off, out_of_step, which_are_far
@@ -105,8 +105,7 @@ def calibrate_hand_eye(
             "tracker from tool and robot from TCP, and not both the other way round"
         )
     late = out_of_step(seen, driven, left, right)
-    if step is not None:
-        step = None if late else step._replace(first=int(told[step.first]))
+    step = None if late or step is None else step._replace(first=int(told[step.first]))
     return replace(found, far=tuple(map(int, told[far])), out_of_step=late, step=step, repeated=repeated)
 
 
@@ -233,7 +232,10 @@ def _refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: Float
         error = residual * sds
         freedom = np.maximum(freedom.reshape(2, 3).sum(axis=1), LEAST_FREEDOM)
         spread = np.sqrt((error**2).sum(axis=0).reshape(2, 3).sum(axis=1) / freedom)
-        sds = np.repeat(np.maximum.reduce([spread, FINEST, LOPSIDED * spread[::-1] * (1e-3, 1e3)]), 3)
+        least = np.maximum(FINEST, LOPSIDED * spread[::-1] * (1e-3, 1e3))
+        sds = np.repeat(np.maximum(spread, least), 3)
+    # noise is judged by what it leaves, along each axis: what poses are taken to err by at least has to be there
+    residual += np.repeat(least, 3) / sds * np.random.default_rng(0).normal(size=residual.shape)
     return _Fit(left, right, sds, design, residual, step, error)
 
 
@@ -242,8 +244,9 @@ def _found(fit: _Fit, seen: FloatArray, driven: FloatArray) -> HandEye:
     left, right = fit.left, fit.right
     robot_from_m = driven @ invert(right)
     ots_from_m = invert(left) @ robot_from_m
-    of_fields = fields(ots_from_m, robot_from_m, driven, fit.sds)
-    covariance, suspicion = _covariance(fit, seen, of_fields)  # on the right
+    covariance, suspicion = _covariance(fit, seen, fields(ots_from_m, robot_from_m, driven, fit.sds))
+    if not shows_scale(seen, ots_from_m, fit.design[..., :CONSTANTS], fit.sds[3]):
+        suspicion = Suspicion(suspicion.of_any - suspicion.of_scale)
     unit = float(fit.sds[3]) / spread_mm(ots_from_m)
     return HandEye(
         Pose(right, carried(right, covariance[6:12, 6:12]), M, TCP),
@@ -271,10 +274,9 @@ def _design(seen: FloatArray, right: FloatArray, sds: FloatArray) -> FloatArray:
     levers = np.zeros((len(seen), 6, 3))
     levers[:, 3:] = in_tool[:, :3, :3] @ cross_matrix(seen[:, :3, 3] - seen[:, :3, 3].mean(axis=0))
     levers *= sds[0] / sds[3]
-    on_tool = np.broadcast_to(np.eye(6), in_tool.shape)
     of_right = np.broadcast_to(adjoint(right), in_tool.shape)
     constants = -np.concatenate([adjoint(invert(seen)), of_right], axis=2) / sds[:, None]
-    return np.concatenate([constants, time * in_tool, time * levers, time * on_tool], axis=2)
+    return np.concatenate([constants, time * in_tool, time * levers, time * np.eye(6)], axis=2)
 
 
 def _turned(poses: FloatArray) -> FloatArray:
@@ -285,7 +287,7 @@ def _turned(poses: FloatArray) -> FloatArray:
 
 
 def _covariance(fit: _Fit, seen: FloatArray, of_fields: dict[Cause, FloatArray]) -> tuple[FloatArray, Suspicion]:
-    """Return the covariance of the fit; noise and drift are in the tool's axes or in the tracker's.
+    """Return the covariance of the fit, on the right; noise and drift are in the tool's axes or in the tracker's.
 
     With it comes how likely errors are that depend on the robot's pose, which add ``of_fields`` (N, 6, s).
     """

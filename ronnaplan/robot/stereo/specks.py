@@ -34,12 +34,14 @@ def without_specks(grey: Image, middle_px: FloatArray, radius_px: float, noise: 
     cleaned = np.array(grey, dtype=np.float64)
     window = cleaned[low[1] : high[1], low[0] : high[0]]
     smooth, specks = cv2.blur(window, (3, 3)), np.zeros(window.shape, dtype=np.uint8)
+    rows, columns = (np.minimum(one, one[::-1]) for one in map(np.arange, window.shape))
+    both_sides = np.minimum(depth, np.minimum(columns, rows[:, None]))  # of a ball that the image cuts off, also
     for far in {max(round(share * radius_px), LEAST_PX) for share in WIDTHS}:
         for way in WAYS:
             step = round(far * way[0]), round(far * way[1])
             one, other = (smooth - np.roll(smooth, (sign * step[0], sign * step[1]), (0, 1)) for sign in (1, -1))
             unlike = (one * other > 0) & (np.minimum(np.abs(one), np.abs(other)) > OTHER * noise)
-            specks |= unlike & (depth > far)
+            specks |= unlike & (both_sides > far)
     blurred = (cv2.dilate(specks, np.ones((2 * BLUR_PX + 1,) * 2, dtype=np.uint8)) > 0) & (depth > 0)
     if not 0 < blurred.sum() < LARGEST_SHARE * np.pi * radius_px**2:
         return None
