@@ -22,6 +22,9 @@ NEIGHBORS = np.ones((3, 3), dtype=bool)
 """A pixel with those that touch it; samples are taken only of pixels where these are not all alike."""
 
 
+SETTLED = 1e-13
+"""In focal lengths: a ray that is so near its pixel comes no nearer."""
+
 SAMPLES, STRIDE = 13, 8
 LATTICE = np.array([np.arange(SAMPLES), STRIDE * np.arange(SAMPLES)]) / SAMPLES
 """Where in a pixel it is sampled, each pixel's shifted at random and around: with the same places in all, an edge along
@@ -42,12 +45,14 @@ def pixel_rays(u: FloatArray, v: FloatArray, K: FloatArray, d: FloatArray) -> Fl
     k1, k2, p1, p2, k3 = d
     x, y = goal_x, goal_y
     for _ in range(4):  # the lens displaces little: each step squares what is left
+        at_x, at_y = distort(x, y, d)
+        off_x, off_y = goal_x - at_x, goal_y - at_y
+        if max(np.abs(off_x).max(initial=0.0), np.abs(off_y).max(initial=0.0)) < SETTLED:
+            break
         r2 = x * x + y * y
         radial, bent = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))
         j11, j22 = radial + bent * x * x + 2 * p1 * y + 6 * p2 * x, radial + bent * y * y + 6 * p1 * y + 2 * p2 * x
         j12 = bent * x * y + 2 * p1 * x + 2 * p2 * y  # both ways alike
-        at_x, at_y = distort(x, y, d)
-        off_x, off_y = goal_x - at_x, goal_y - at_y
         det = j11 * j22 - j12 * j12
         x, y = x + (j22 * off_x - j12 * off_y) / det, y + (j11 * off_y - j12 * off_x) / det
     return np.stack([x, y, np.ones_like(x)], axis=-1)

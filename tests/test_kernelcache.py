@@ -252,7 +252,8 @@ def test_of_processes_that_want_a_kernel_at_once_one_compiles_it(tmp_path: Path)
 def filled_slices(path: Path) -> list[str]:
     """Where a kernel of a module assigns to a slice what is no number, or adds a slice to a row."""
     found = []
-    for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    text = path.read_text(encoding="utf-8")
+    for function in ast.walk(ast.parse(text)) if re.search(r"@(njit|compiled)\b", text) else ():
         decorators = map(ast.unparse, getattr(function, "decorator_list", ()))
         if any(one.startswith(("njit(", "compiled(")) for one in decorators):
             for line in (one for one in ast.walk(function) if isinstance(one, ast.Assign | ast.AugAssign)):

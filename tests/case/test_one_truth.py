@@ -1,4 +1,4 @@
-"""Every face of the program states the same figure for the same case: over 48 random cases, to the last digit."""
+"""Every face of the program states the same figure for the same case: over 24 random cases, to the last digit."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 from ronnaplan.untrusted import checked
 from tests import cases
 
-CASES = 48
+CASES = 24
 PLACES = 12
 """Where each trajectory of a case may lie, so that surfaces are fitted so often only."""
 

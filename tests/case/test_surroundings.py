@@ -159,7 +159,7 @@ def test_while_an_end_is_dragged_a_no_go_region_is_its_voxels_and_then_the_surfa
     index = np.moveaxis(np.indices(volume.voxels_hu.shape), 0, -1).astype(np.float64)
     axis, middle = np.array([0.36, 0.8, 0.48]), (cases.ENTRY_MM + cases.TARGET_MM) / 2
     off = volume.grid.positions_mm(index) - middle - 9.0 * np.array([0.8, -0.36, 0.0]) / np.hypot(0.8, 0.36)
-    vessel = np.linalg.norm(np.cross(off, axis), axis=-1) < 5.0
+    vessel = (off**2).sum(axis=-1) - (off @ axis) ** 2 < 5.0**2
     around = Surroundings(Terrain(volume, {"vessel": vessel}), Rules())
     plan = cases.plan()
     (path,) = plan.trajectories

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from skimage.transform import iradon
 
 from benchmarks.phantom_measures import moments, places
@@ -62,9 +63,9 @@ def test_a_ball_is_where_it_should_be(tilt_deg: float, orientation: FloatArray) 
 
 def test_mass_is_kept_across_kernels_and_slice_thickness() -> None:
     center = np.array([0.3, 0.2, 0.1])
-    masses = [ball_mass(center, ball_stack(), Scanner(dose=0, views=240, kernel=name))[1] for name in KERNELS]
+    masses = [ball_mass(center, ball_stack(), Scanner(dose=0, views=120, kernel=name))[1] for name in KERNELS]
     masses += [
-        ball_mass(center, ball_stack(spacing_mm=s, thickness_mm=t), Scanner(dose=0, views=240))[1]
+        ball_mass(center, ball_stack(spacing_mm=s, thickness_mm=t), Scanner(dose=0, views=120))[1]
         for s, t in ((2, 3), (0.5, 1))
     ]
     assert max(masses) / min(masses) < 1.01
@@ -87,7 +88,7 @@ def test_a_cropped_scan_shows_the_same_voxels(tilt_deg: float) -> None:
     assert max(crop.rows, crop.columns) <= 15
     assert crop.holds_whole(np.array([30.0, -20, 3]), 11.5)
     everywhere, wanted = places(whole).reshape(-1, 3), places(crop).reshape(-1, 3)
-    nearest = [int(np.argmin(np.linalg.norm(everywhere - place, axis=1))) for place in wanted]
+    nearest = cKDTree(everywhere).query(wanted)[1]
     assert everywhere[nearest] == pytest.approx(wanted, abs=1e-9)
     assert images(scene, crop, FEW_VIEWS).ravel() == pytest.approx(
         images(scene, whole, FEW_VIEWS).ravel()[nearest], abs=0.5

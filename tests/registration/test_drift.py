@@ -136,14 +136,14 @@ def test_false_alarms_are_one_in_a_million() -> None:
     reference = Points(markers, np.tile(reference_mm2, (4, 1, 1)), labels, Frame("OTS"))
     scales = np.vstack([np.full(4, 2.2), np.full((4, 4), 1.0) + 2.4 * np.eye(4)])
     counted = []
-    for _ in range(1000):
+    for _ in range(600):
         normal = rng.normal(size=(4, 3)) * scales[rng.integers(len(scales))][:, None]
         later = Points(markers + normal @ spread.T, np.tile(later_mm2, (4, 1, 1)), labels, Frame("OTS"))
         alarm = check_drift(reference, later).status is not DriftStatus.STILL
         gain = (normal**2).sum(axis=1) * (1 - scales**-2.0) / 2 - 3 * np.log(scales)
         counted.append(alarm / np.exp(gain.sum(axis=1)).mean())
     error = np.std(counted) / np.sqrt(len(counted))
-    assert error < 0.15 * DRIFT_PROBABILITY
+    assert error < 0.2 * DRIFT_PROBABILITY
     assert 0.8 * DRIFT_PROBABILITY - 3 * error < np.mean(counted) < DRIFT_PROBABILITY + 3 * error
 
 

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from phantoms import cameras as rendering
+from phantoms.robot_session import CAMERAS, DISTORTIONS, MATRICES, SIZE
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.pose import invert
 from ronnaplan.robot.stereo import board, calibration
@@ -14,7 +15,7 @@ from ronnaplan.robot.stereo.board import FEWEST_BOARDS
 from ronnaplan.robot.stereo.calibration import calibrate_on_board, calibrate_tcp
 from ronnaplan.robot.stereo.sphere import locate_sphere
 from tests.robot.boards import find_once
-from tests.robot.stereo_views import DIAMETER, RIG_EXACT, RIGHT, D, K, moved, placed, seen
+from tests.robot.stereo_views import DIAMETER, RIG_EXACT, moved, placed
 
 CORNERS, SQUARE = (9, 7), 6.0
 
@@ -37,8 +38,17 @@ def boards() -> tuple[list[np.ndarray], list[np.ndarray]]:
     right: list[np.ndarray] = []
     for _ in range(6):
         pose = board_place(rng, 28.0)
-        for images, place, k, d in ((left, np.eye(4), K[0], D[0]), (right, RIGHT, K[1], D[1])):
-            images.append(rendering.board_image(invert(place) @ pose, CORNERS, SQUARE, k, d, rng))
+        for images, place, k, d in zip((left, right), CAMERAS, MATRICES, DISTORTIONS, strict=True):
+            images.append(rendering.board_image(invert(place) @ pose, CORNERS, SQUARE, k, d, rng, SIZE))
+    return left, right
+
+
+def seen(center_mm: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """The same cameras' views of a sphere."""
+    left, right = (
+        rendering.sphere_image([moved(invert(place), center_mm)], DIAMETER, k, d, rng, size=SIZE)
+        for place, k, d in zip(CAMERAS, MATRICES, DISTORTIONS, strict=True)
+    )
     return left, right
 
 
@@ -58,7 +68,7 @@ def test_cameras_calibrated_on_a_board_measure_the_sphere_to_a_fiftieth_of_a_mil
     truth = [
         np.array([x, y, z]) for x, y, z in ((-8.0, -6, 296), (9, -5, 300), (-7, 8, 304), (8, 7, 298), (0, 0, 301))
     ]
-    found = [locate_sphere(*seen([c], rng), rig, diameter_mm=DIAMETER).position_mm for c in truth]
+    found = [locate_sphere(*seen(c, rng), rig, diameter_mm=DIAMETER).position_mm for c in truth]
     a, b = np.array(truth) - np.mean(truth, axis=0), np.array(found) - np.mean(found, axis=0)
     turn = Rotation.align_vectors(a, b)[0].as_matrix()
     assert np.linalg.norm(b @ turn.T - a, axis=1).max() < 0.02
@@ -94,10 +104,13 @@ def test_boards_that_hardly_tilt_are_refused(monkeypatch: pytest.MonkeyPatch) ->
     for number in range(FEWEST_BOARDS):
         grid = np.append(np.mgrid[: CORNERS[0], : CORNERS[1]].T.reshape(-1, 2) * SQUARE, np.zeros((63, 1)), axis=1)
         pose = board_place(rng, 4.0)
-        at = rendering.project(grid @ pose[:3, :3].T + pose[:3, 3], K[0], D[0]) + rng.normal(size=(63, 2)) * 0.03
+        at = (
+            rendering.project(grid @ pose[:3, :3].T + pose[:3, 3], MATRICES[0], DISTORTIONS[0])
+            + rng.normal(size=(63, 2)) * 0.03
+        )
         seen_at[number] = at[:, None].astype(np.float32)
     monkeypatch.setattr(board, "find_corners", lambda image, corners: seen_at[image[0, 0]])
-    left = [np.full(rendering.SIZE, number, dtype=np.uint8) for number in range(FEWEST_BOARDS)]
+    left = [np.full(SIZE, number, dtype=np.uint8) for number in range(FEWEST_BOARDS)]
     with pytest.raises(InputError, match="do not determine the cameras: the boards tilt by"):
         calibrate_on_board(left, left, corners=CORNERS, square_mm=SQUARE)
 

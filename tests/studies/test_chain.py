@@ -25,13 +25,13 @@ def test_predicted_and_observed_error_agree_for_all_sources_together_and_for_eac
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(chain, "scan_phantom", localized)
-    rows = chain.run_chain(tmp_path, 30, seed=1, workers=1)
+    rows = chain.run_chain(tmp_path, 12, seed=1, workers=1)
     assert [row["source"] for row in rows] == [*chain.SOURCES, "all"]
     ratios = {row["source"]: row["observed_rms_mm"] / row["predicted_rms_mm"] for row in rows}
     assert ratios.pop("all") == pytest.approx(1.0, abs=0.05)
     assert ratios.pop("CT localization") == pytest.approx(1.0, abs=0.4)  # six scans only
     for source, ratio in ratios.items():
-        assert ratio == pytest.approx(1.0, abs=0.1), source
+        assert ratio == pytest.approx(1.0, abs=0.15), source  # 72 sessions each
     assert sum(row["share"] for row in rows[:-1]) == pytest.approx(1.0)
     assert (tmp_path / "table.md").read_text() == chain.chain_table(rows)
 
