@@ -32,6 +32,8 @@ SHORTEST_DIRECTION = 1e-6
 LARGEST_TURN_DEG = 360
 SMALLEST_THING_MM = 10.0
 """Nothing worth keeping clear of is smaller; a table of 1.7 mm was stated in metres."""
+LEAST_RADIUS_MM = 0.25
+"""Wires are thicker; a post of a radius of 0.02 mm was stated in metres."""
 LOWEST_MM = 50.0
 """Neither the middle of a head nor a tracker is nearer to the floor than half its own height."""
 
@@ -97,6 +99,10 @@ class CapsuleEntry(DocumentModel):
     @model_validator(mode="after")
     def _check(self) -> Self:
         _require_size(self.name, math.dist(self.start, self.end) + 2 * self.radius)
+        if self.radius < LEAST_RADIUS_MM:
+            raise ValueError(
+                f"{self.name} has a radius of {self.radius:g} mm; is it in metres? Expected {LEAST_RADIUS_MM:g} or more"
+            )
         return self
 
     @property

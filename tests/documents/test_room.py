@@ -83,6 +83,7 @@ def test_the_example_shows_how_an_arm_of_meshes_is_told(tmp_path: Path) -> None:
             "start = [0.06, -0.09, 0.96]\nend = [0.06, 0.09, 0.96]\nradius = 0.02",
             r"capsule.0: head holder is 0.22 mm long; is it in metres\?",
         ),
+        ("radius = 20", "radius = 0.02", r"capsule.0: head holder has a radius of 0.02 mm; is it in metres\?"),
         (
             "center = [0, 0, 1050]",
             "center = [0, 0, 1.05]",
