@@ -32,18 +32,19 @@ MOST_LISTED = 1000
 class Found:
     """One series that was found at ``path``, whose documents lie in the folder ``case``.
 
-    ``picture`` (J, I) is None where none can be drawn.
+    ``picture`` (J, I) is None where none can be drawn; ``strangers`` are documents of ``case`` of another scan.
     """
 
     path: Path
     case: Path
     summary: SeriesSummary
     picture: NDArray[np.uint8] | None
+    strangers: tuple[str, ...] = ()
 
     @property
     def is_known(self) -> bool:
         """Whether it was planned in."""
-        return (self.case / PLAN).is_file()
+        return (self.case / PLAN).is_file() and not self.strangers
 
     @property
     def series(self) -> str | None:
@@ -104,18 +105,27 @@ def series_at(path: Path, root: Path, called: str = "") -> list[Found]:
     catalogue.require_series(called)
     ordered = sorted(catalogue.series, key=lambda one: not one.is_usable)
     planned = cache(_frames_in)
-    return [Found(path, _case_of(path, one, root, planned), summary_of(one), preview(one)) for one in ordered]
+    found = []
+    for one in ordered:
+        case = _case_of(path, one, root, planned)
+        strangers = tuple(name for name, uid in planned(case).items() if uid != one.first.frame_of_reference_uid)
+        found.append(Found(path, case, summary_of(one), preview(one), strangers))
+    return found
 
 
 def rows(found: list[Found]) -> list[dict[str, Any]]:
     """Return series as the page lists them, without the patient."""
-    told = [asdict(one.summary) | {"drawn": one.picture is not None, "known": one.is_known} for one in found]
+    told = [
+        asdict(one.summary)
+        | {"drawn": one.picture is not None, "known": one.is_known, "strangers": ", ".join(one.strangers)}
+        for one in found
+    ]
     for one in told:
         del one["patient_name"]
     return told
 
 
-def _case_of(path: Path, series: Series, root: Path, planned: Callable[[Path], set[str | None]]) -> Path:
+def _case_of(path: Path, series: Series, root: Path, planned: Callable[[Path], dict[str, str | None]]) -> Path:
     """Return the folder of a scan's documents, wherever below ``root`` the scan was looked for.
 
     It is the nearest about the files that holds documents of the scan's frame of reference, as ``planned`` tells. Where
@@ -130,15 +140,15 @@ def _case_of(path: Path, series: Series, root: Path, planned: Callable[[Path], s
     beside = scan.parent if scan.name == CT_FOLDER else scan
     above = [one for one in (beside, *beside.parents) if one.is_relative_to(root)]
     uid = series.first.frame_of_reference_uid
-    return next((one for one in above if uid is not None and uid in planned(one)), beside)
+    return next((one for one in above if uid is not None and uid in planned(one).values()), beside)
 
 
-def _frames_in(folder: Path) -> set[str | None]:
-    """Return the UIDs of the frames of reference that the documents in a folder are of."""
-    found = set()
+def _frames_in(folder: Path) -> dict[str, str | None]:
+    """Return the UIDs of the frames of reference that the documents in a folder are of, by their names."""
+    found: dict[str, str | None] = {}
     for name, read in ((PLAN, read_plan), (FIDUCIALS, read_fiducials), (REGISTRATION, read_registration)):
         try:
-            found.add(read(folder / name).identity.frame.uid)
+            found[name] = read(folder / name).identity.frame.uid
         except InputError:  # none, or none that can be read: that is told when it is opened
             continue
     return found

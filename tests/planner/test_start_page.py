@@ -86,6 +86,22 @@ def test_a_case_whose_scan_lies_in_folders_below_it_is_gone_on_with(scans: Path)
     assert [one.case for one in series_at(study, scans)] == [study / "ct" / "S1"], "nothing above the root counts"
 
 
+def test_a_scan_in_a_folder_with_another_scans_plan_is_not_gone_on_with(scans: Path) -> None:
+    """The page said "go on" of it, and refused it when that was pressed."""
+    study = scans / "study"
+    for file in (study / "ct").glob("*.dcm"):
+        made = dcmread(file)
+        made.FrameOfReferenceUID = "1.2.3"
+        made.save_as(file)
+    (row,) = rows(series_at(study, scans))
+    assert (row["known"], row["strangers"]) == (False, "plan.json, fiducials.json, registration.json")
+    for document in ("plan.json", "registration.json"):
+        (study / document).unlink()
+    assert [one["strangers"] for one in rows(series_at(study, scans))] == ["fiducials.json"]
+    (study / "fiducials.json").unlink()
+    assert [one["strangers"] for one in rows(series_at(study, scans))] == [""]
+
+
 def test_no_series_of_another_tabs_folder_is_opened_in_the_place_of_one_that_is_listed(scans: Path) -> None:
     """What the other tab looks for comes between the list and the press of its button."""
     shutil.copytree(scans / "study" / "ct", scans / "other")
@@ -198,6 +214,7 @@ def test_a_scan_is_dropped_opened_and_its_files_go_out_and_in(browser: Any, star
     page.set_default_timeout(PATIENCE_MS)
     open_a_root_without_folders(page, started)
     list_a_part_of_a_series(page, started)
+    list_what_lies_in_another_scans_case(page)
     page.goto(started)
     press_while_a_folder_is_listed(page)
     drop_a_scan(page, scans)
@@ -234,6 +251,20 @@ def list_a_part_of_a_series(page: Any, url: str) -> None:
         *("kernel H30, tube voltage 80 kV, 1.2#1", "H30, tube voltage 80 kV, 1.2#1", "H30, 1.2#1")
     ]
     page.unroute("**/series?at=")
+
+
+def list_what_lies_in_another_scans_case(page: Any) -> None:
+    """It is told before it is pressed, and not where a new case is made of it."""
+    row = {"key": "1", "modality": "CT", "description": "head", "kernel": "H30", "series": "1.2", "images": 9}
+    row |= {"problems": [], "notes": [], "part": [], "drawn": False, "known": False, "strangers": "plan.json"}
+    row |= {"pixel_mm": None, "spacing_mm": None}
+    for name, told in (("", "of another scan in its case: plan.json"), ("case-1", "can be planned in")):
+        listed = {"series": [row], "name": name}
+        page.route("**/series?at=", lambda route, _, listed=listed: route.fulfill(json=listed))
+        page.click("text=look for series here")
+        page.wait_for_selector(f"#found td >> text={told}")
+        assert page.locator("#found tbody button").is_enabled() == bool(name)
+        page.unroute("**/series?at=")
 
 
 def press_while_a_folder_is_listed(page: Any) -> None:

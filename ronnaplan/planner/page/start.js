@@ -136,18 +136,20 @@
     one("case").hidden = !name;
     one("name").value = name;
     one("found").querySelector("tbody").replaceChildren(...series.map((row) => {
-      const usable = !row.problems.length;
+      // in a new case there is nothing yet that could be of another scan
+      const stranger = row.strangers && !name ? [`of another scan in its case: ${row.strangers}; move that, or this scan, to a folder of its own`] : [];
+      const problems = [...row.problems, ...stranger], usable = !problems.length;
       const picture = row.drawn ? made("img", { src: `thumbnail/${row.key}`, alt: "" }) : made("span", { className: "none" }, "no picture");
       const kernel = row.part.includes(`kernel ${row.kernel}`) ? "" : row.kernel; // which its part tells then
       const title = made("td", {}, `${row.modality} ${row.description || "(no description)"}`, made("small", {}, [kernel, ...row.part, row.series].filter(Boolean).join(", ")));
-      const told = made("td", {}, made("span", { className: usable ? "yes" : "no" }, usable ? "can be planned in" : row.problems.join("; ")));
+      const told = made("td", {}, made("span", { className: usable ? "yes" : "no" }, usable ? "can be planned in" : problems.join("; ")));
       if (usable) for (const note of row.notes) told.append(made("small", { className: "doubt" }, note));
       const press = made("button", { type: "button", disabled: !usable, onclick: () => open(row.key) }, row.known && !name ? "go on" : "plan");
       press.setAttribute("aria-label", `${press.textContent}: ${row.description || row.series}`);
       const voxels = row.pixel_mm ? `${range(row.pixel_mm)} x ${range(row.spacing_mm)}` : "";
       return made("tr", {}, made("td", {}, picture), title, made("td", {}, row.images), made("td", {}, voxels), told, made("td", {}, press));
     }));
-    const usable = series.filter((row) => !row.problems.length).length;
+    const usable = one("found").querySelectorAll("tbody button:enabled").length;
     one("heard").textContent = `${heading}: ${series.length}, of which ${usable} can be planned in`;
     one("found").scrollIntoView({ block: "nearest" });
     return series;
