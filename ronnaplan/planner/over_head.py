@@ -70,7 +70,7 @@ def _title(state: PlannerState, *, drawn_here: bool) -> str:
     title = f"3-D {state.look.preset or state.look.surface}"
     if not drawn_here:
         title += ", drawn by the server"  # where the whole scan and the opened head are not to be had
-    if state.case.plan.trajectories:
+    if state.case.plan.trajectories and state.case.surroundings.expected.counted is not None:
         title += "; tubes hold the path with 95 %"
     found = state.case.fiducials.fiducials if state.case.fiducials else ()
     for one in found:

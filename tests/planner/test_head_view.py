@@ -170,6 +170,12 @@ def test_names_stand_where_things_are_drawn(head: HeadView) -> None:
 
 
 def test_the_title_tells_who_draws_and_of_tubes_where_there_are_some(head: HeadView) -> None:
+    assert "tubes" in over_head(head.state, head.camera, False, {}, Pane())["title"]
+    for marker in [one.label for one in head.state.case.fiducials.fiducials]:  # type: ignore[union-attr]
+        head.state.case.reject_marker(marker)
+    assert over_head(head.state, head.camera, False, {}, Pane())["title"] == "3-D skin", (
+        "no error is expected then"
+    )
     head.state.case.remove("left")
     title = over_head(head.state, head.camera, False, {}, Pane(), drawn_here=False)["title"]
     assert title == "3-D skin, drawn by the server"
