@@ -1,4 +1,4 @@
-"""What the pages fetch to draw the head themselves: its things one by one, and the whole scan."""
+"""What the pages fetch to draw the head themselves: its things, and the whole scan."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from ronnaplan.scene.packed import packed
 
 
 def head_routes(heads: Callable[[], Iterable[HeadView]]) -> list[web.RouteDef]:
-    """Return what is answered of the ``heads`` of all pages."""
+    """Return what is answered of the ``heads`` of all pages: of things, null where one is no longer shown."""
 
-    async def thing(request: web.Request) -> web.Response:
-        key = request.match_info["key"]
-        found = (view.scene.thing(key) for view in heads() if view.scene is not None)
-        one = next(filter(None, found), None)
-        if one is None:
-            raise web.HTTPNotFound(text="it is no longer shown")
-        return web.json_response(packed(one))
+    async def things(request: web.Request) -> web.Response:
+        scenes = [view.scene for view in heads() if view.scene is not None]
+        found = (
+            next((one for scene in scenes if (one := scene.thing(key)) is not None), None)
+            for key in request.match_info["keys"].split(",")
+        )
+        return web.json_response([None if one is None else packed(one) for one in found])
 
     async def volume(_: web.Request) -> web.Response:
         made = next((view.parts.volume for view in heads() if view.parts.volume is not None), None)
@@ -27,4 +27,4 @@ def head_routes(heads: Callable[[], Iterable[HeadView]]) -> list[web.RouteDef]:
             raise web.HTTPNotFound(text="it is not made yet")
         return web.Response(body=made.packed, content_type="application/octet-stream")
 
-    return [web.get("/things/{key}", thing), web.get("/volume", volume)]
+    return [web.get("/things/{keys}", things), web.get("/volume", volume)]

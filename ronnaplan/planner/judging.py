@@ -69,7 +69,7 @@ class Judging:
             names = self.looked_at()
             one = next((path for path in left if path.name in names), left[0])
             left.remove(one)
-            await asyncio.get_running_loop().run_in_executor(None, around.judge, one, plan)
+            await asyncio.get_running_loop().run_in_executor(None, around.measures, one, plan)
             if one.name in names:
                 self.done()
         return not left

@@ -45,6 +45,8 @@ def look(url: str) -> None:
         page.wait_for_function(DRAWN)
         eventually(page, lambda: seen(page).max() > 150)
         first = seen(page)
+        asked = [url for url in page.requested if "/things/" in url]
+        assert len(asked) < len(value(page, "things")) / 2, "one by one hundreds of things took many seconds"
         assert not value(page, "picture_head")
         whole = turn(page, first)
         ask_twice_for_what_is_slow(page)

@@ -25,14 +25,14 @@ def test_nothing_is_measured_before_the_first_look_and_all_again_after_a_change(
     measured: list[str] = []
 
     def against(name: str, then: Any = None) -> Any:
-        def judge(path: Any, _: Any) -> None:
+        def measure(path: Any, _: Any) -> None:
             known.append(path)
             measured.append(f"{path.name} against {name}")
             case.surroundings = then or case.surroundings
 
         known: list[Any] = []
         prepare = partial(measured.append, f"prepared {name}")
-        return SimpleNamespace(judge=judge, prepare=prepare, knows=lambda path, _: path in known)
+        return SimpleNamespace(measures=measure, prepare=prepare, knows=lambda path, _: path in known)
 
     plan = SimpleNamespace(trajectories=(SimpleNamespace(name="plan"),))
     around = against("head", then=against("head and markers"))
@@ -80,7 +80,7 @@ def test_what_is_looked_at_is_measured_and_told_first(monkeypatch: pytest.Monkey
     monkeypatch.setattr(judging, "FIRST_LOOK_S", 0.0)
     happened: list[str] = []
 
-    def judge(path: Any, _: Any) -> None:
+    def measure(path: Any, _: Any) -> None:
         known.append(path)
         happened.append(path.name)
         if path.name == "A":
@@ -89,7 +89,7 @@ def test_what_is_looked_at_is_measured_and_told_first(monkeypatch: pytest.Monkey
     known: list[Any] = []
     looked_at = {"C", None}
     plan = SimpleNamespace(trajectories=tuple(SimpleNamespace(name=name) for name in "ABCDE"))
-    around = SimpleNamespace(judge=judge, prepare=lambda: None, knows=lambda path, _: path in known)
+    around = SimpleNamespace(measures=measure, prepare=lambda: None, knows=lambda path, _: path in known)
     case: Any = SimpleNamespace(plan=plan, dragging=False, surroundings=around)
 
     async def look() -> None:

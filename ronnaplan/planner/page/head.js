@@ -1,6 +1,7 @@
 // The 3-D view, drawn here where there is WebGL2 that is quick enough; elsewhere the server is asked for pictures.
 (() => {
   const SLOWEST_MS = 150, TIMED = 5; // a frame that takes longer is drawn sooner by the server
+  const AT_ONCE = 50; // of hundreds of things one by one each would wait for the one before
   const things = new Map(), pictures = {};
   let viewer = null, slow = null, wanted = [], timed = [], loading = 0; // slow: a viewer that was found to be
 
@@ -42,13 +43,14 @@
 
   async function load(canvas, listed) {
     wanted = listed;
-    const turn = ++loading;
-    for (const { key } of listed.filter((one) => !things.has(one.key))) {
-      const answer = await fetch(`things/${key}`);
-      if (turn !== loading || !viewer) return;
-      if (answer.ok) things.set(key, viewer.load(await answer.json()));
+    if (!viewer) return;
+    const turn = ++loading, lacking = listed.map((one) => one.key).filter((key) => !things.has(key));
+    while (lacking.length) {
+      const keys = lacking.splice(0, AT_ONCE), answer = await fetch(`things/${keys}`), come = answer.ok ? await answer.json() : [];
+      if (!viewer) return;
+      come.forEach((one, n) => one && !things.has(keys[n]) && things.set(keys[n], viewer.load(one)));
+      if (turn !== loading) return;
     }
-    if (turn !== loading || !viewer) return;
     const keys = new Set(listed.map((one) => one.key));
     for (const [key, thing] of things) {
       if (!keys.has(key)) viewer.forget(thing), things.delete(key);
