@@ -19,7 +19,9 @@ from ronnaplan.planning.uncertainty import PathError
 FORMAT = "ronnaplan.measures"
 
 
-def measures_document(plan: Plan, measured: Sequence[Measures], verdicts: Sequence[Verdict]) -> str:
+def measures_document(
+    plan: Plan, measured: Sequence[Measures], verdicts: Sequence[Verdict], *, indent: int | None = 2
+) -> str:
     """Return the measures (JSON text): lengths in mm, angles in degrees, places in LPS mm."""
     document = {
         "format": FORMAT,
@@ -31,7 +33,7 @@ def measures_document(plan: Plan, measured: Sequence[Measures], verdicts: Sequen
         "verdicts": [asdict(verdict) for verdict in verdicts],
         "software": SOFTWARE,
     }
-    return plain_json(document)
+    return plain_json(document, indent=indent)
 
 
 def _measures(one: Measures) -> dict[str, Any]:

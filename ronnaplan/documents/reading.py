@@ -136,13 +136,16 @@ def to_json(document: BaseModel) -> str:
     return text
 
 
-def plain_json(value: Any) -> str:
-    """Return plain data as indented JSON with a final newline; a number that is not finite is null, as JSON has none.
+def plain_json(value: Any, *, indent: int | None = 2) -> str:
+    """Return plain data as JSON with a final newline; a number that is not finite is null, as JSON has none.
+
+    Without ``indent`` there is no blank in it that tells nothing.
 
     >>> plain_json({"depth_mm": float("nan"), "hu": (1.0, float("inf"))}).split()
     ['{', '"depth_mm":', 'null,', '"hu":', '[', '1.0,', 'null', ']', '}']
     """
-    return json.dumps(_finite(value), indent=2, allow_nan=False) + "\n"
+    separators = (",", ":") if indent is None else None
+    return json.dumps(_finite(value), indent=indent, separators=separators, allow_nan=False) + "\n"
 
 
 def _finite(value: Any) -> Any:

@@ -104,7 +104,7 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def unseen(name: str, text: str) -> str:
     """Return an element ``name`` that no reader sees: what is on the page, for programs that read it."""
-    return f'<div id="{escape(name, quote=True)}" hidden>{escape(text)}</div>'
+    return f'<div id="{escape(name, quote=True)}" hidden>{escape(text, quote=False)}</div>'
 
 
 def link(path: str, text: str) -> str:

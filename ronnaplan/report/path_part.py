@@ -71,7 +71,7 @@ def paths_part(case: Case) -> Part:
         pieces.append(f'<div class="{look}">{"".join(body)}</div>')
     measured = [judged.measures for judged in case.judgements if judged.measures is not None]
     verdicts = [verdict for judged in case.judgements for verdict in judged.verdicts]
-    pieces.append(unseen("measures", measures_document(case.plan, measured, verdicts)))
+    pieces.append(unseen("measures", measures_document(case.plan, measured, verdicts, indent=None)))
     return part
 
 

@@ -8,6 +8,7 @@ import hashlib
 import json
 import re
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import pytest
 from ronnaplan import __version__
 from ronnaplan.case.folder import Case, CaseFiles, read_case
 from ronnaplan.documents.plan import write_plan
+from ronnaplan.documents.plan_measures import measures_document
 from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import FrameMismatchError, InputError, UnwrittenError
 from ronnaplan.planning import Landmarks, Limits
@@ -79,6 +81,19 @@ def test_inputs_and_software_can_be_told_from_the_page(html: str, folder: Path) 
         assert hashlib.sha256((folder / name).read_bytes()).hexdigest() in html
     assert cases.volume().voxel_sha256 in html
     assert f"ronnaplan {__version__}" in html
+
+
+def test_what_the_page_holds_for_programs_is_what_plan_check_writes_in_half_the_bytes(
+    case: Case, html: str
+) -> None:
+    """Of hundreds of trajectories it was most of the page."""
+    (held,) = re.findall('<div id="measures" hidden>(.*?)</div>', html, re.DOTALL)
+    assert case.plan is not None
+    measured = [judged.measures for judged in case.judgements if judged.measures is not None]
+    verdicts = [verdict for judged in case.judgements for verdict in judged.verdicts]
+    written = measures_document(case.plan, measured, verdicts)
+    assert json.loads(unescape(held)) == json.loads(written)
+    assert len(held) < 0.6 * len(written)
 
 
 def test_the_page_has_a_main_part_for_screen_readers(html: str) -> None:
