@@ -33,6 +33,14 @@ def changed(one: np.ndarray, other: np.ndarray) -> float:
     return float((np.abs(one - other).max(axis=2) > 25).mean())
 
 
+def specks(shown: np.ndarray) -> int:
+    """How many pixels of a picture are reddish amid grey ones: what lies behind a cut was seen through it there."""
+    tinted = shown[..., 2] - shown[..., 0] > 20
+    grey = (np.ptp(shown, axis=2) <= 20) & (shown.min(axis=2) > 40)
+    about = [np.roll(grey, by, axis=axis) for axis in (0, 1) for by in (-1, 1)]
+    return int((tinted & np.all(about, axis=0)).sum())
+
+
 def test_the_browser_draws_turns_and_opens_the_head_and_gets_pictures_where_it_cannot(shared: Planner) -> None:
     apart(look, shared.url)
 
@@ -48,8 +56,9 @@ def look(url: str) -> None:
         asked = [url for url in page.requested if "/things/" in url]
         assert len(asked) < len(value(page, "things")) / 2, "one by one hundreds of things took many seconds"
         assert not value(page, "picture_head")
-        whole = turn(page, first)
         ask_twice_for_what_is_slow(page)
+        see_nothing_through_cuts(page)
+        whole = turn(page, first)
         show_bone(page, whole)
         click_the_cube_in_small_windows(page)
         open_the_corner(page, whole)
@@ -59,6 +68,18 @@ def look(url: str) -> None:
         assert faults == []
         page.close()
         time_it_anew(opened(browser, url, 1000, 700, SLOWLY))
+
+
+def see_nothing_through_cuts(page: Any) -> None:
+    """One of a hundred pixels of a cut showed what lies behind it: white points, as of lime in a brain."""
+    page.select_option("#shown-as", "soft tissue")
+    page.wait_for_function("window.trame.state.get('volume').table")
+    page.select_option("#opened", "corner")
+    eventually(page, lambda: len(value(page, "eye")["planes"]) == 3)
+    assert specks(seen(page)) == 0
+    page.select_option("#opened", "")
+    page.select_option("#shown-as", "skin")
+    eventually(page, lambda: any(one["name"] == "skin" for one in value(page, "things")))
 
 
 def turn(page: Any, first: np.ndarray) -> np.ndarray:

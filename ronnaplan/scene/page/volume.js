@@ -10,9 +10,10 @@ window.ronnaplanVolume = ({ gl, program, look }) => {
     uniform vec3 eye, low, size, cells, blocks; uniform mat3 axes; uniform vec2 lens, range;
     uniform float least, stride; uniform vec4 corner; uniform vec3 way; in vec2 at; out vec4 shade;
     const float BLOCK = 8.0, OPAQUE = 0.985;
+    const float FACE_MM = 0.1; // right behind a cut nothing is seen: by rounding a ray ends there, not at the cut
     vec3 ahead(vec3 ray) { return vec3(greaterThan(ray, vec3(0.0))); }
     float value(vec3 share) { return texture(scan, share).r; }
-    bool taken(vec3 place) { return corner.w > 0.0 && all(greaterThan((place - corner.xyz) * way + 1.0 - abs(way), vec3(0.0))); }
+    bool taken(vec3 place) { return corner.w > 0.0 && all(greaterThan((place - corner.xyz) * way + 1.0 - abs(way), vec3(-FACE_MM))); }
     void main() {
       vec3 ray = vec3((2.0 * at - 1.0) / lens, -1.0) * axes; // as long as the eye sees a millimetre of depth
       float mm = length(ray);
