@@ -36,6 +36,9 @@ OUTCOMES = ("FAIL", "near", "pass")
 MEASURING = "measuring ..."
 """Stands for what is wrong with a trajectory until that is known."""
 
+NO_MARKERS = "no expected error: there are no markers"
+"""Stands where errors would be expected."""
+
 LAST_LETTERS = 10
 """Of a long name in the list of trajectories: they are always seen."""
 
@@ -100,7 +103,8 @@ def chosen_path(state: PlannerState, judged: Judgement | None) -> dict[str, Any]
     one = state.look.chosen
     if one is None or judged is None:
         return {"name": "", "measures": [], "errors": [], "verdicts": []}
-    landmarks = state.case.plan.landmarks
+    landmarks, expected = state.case.plan.landmarks, state.case.surroundings.expected
+    unexplained = judged.measures is not None and expected.counted is None and not expected.remarks
     return {
         "name": one.name,
         "locked": one.locked,
@@ -117,7 +121,8 @@ def chosen_path(state: PlannerState, judged: Judgement | None) -> dict[str, Any]
         "measuring": judged.problem == MEASURING,
         "spoken": "" if state.case.dragging else _spoken(one.name, judged),
         "doubts": list(judged.doubts),
-        "remarks": list(state.case.surroundings.expected.remarks),
+        "remarks": list(expected.remarks),
+        "wanting": NO_MARKERS if unexplained else "",
         "measures": shape_rows(judged.measures) if judged.measures else [],
         "errors": error_table(judged.measures) if judged.measures else [],
         "verdicts": [

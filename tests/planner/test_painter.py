@@ -9,6 +9,7 @@ import pytest
 from ronnaplan.planner import painter as painting
 from ronnaplan.planner.cuts import sampled
 from ronnaplan.planner.painter import Painter
+from ronnaplan.planner.panels import chosen_path
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.tab import Tab
 from ronnaplan.scene.head import HeadParts
@@ -67,3 +68,18 @@ def test_the_head_is_drawn_while_trajectories_still_are_measured(state: PlannerS
     assert "tube left" not in names()
     state.case.judge(state.case.plan.trajectory("left"))
     assert "tube left" in names()
+
+
+def test_the_panel_says_that_without_markers_no_error_is_expected(state: PlannerState) -> None:
+    """It showed no error, and no word on why."""
+
+    def said() -> str:
+        wanting = chosen_path(state, state.case.judge(state.case.plan.trajectory("left")))["wanting"]
+        assert isinstance(wanting, str)
+        return wanting
+
+    state.look.select("left")
+    assert said() == ""
+    for marker in state.case.found.points.labels:
+        state.case.reject_marker(marker)
+    assert said() == "no expected error: there are no markers"
