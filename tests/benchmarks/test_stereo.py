@@ -12,7 +12,7 @@ from benchmarks.stereo_boards import Score, row_of
 from benchmarks.stereo_boards import measure as measure_on_boards
 from phantoms.stereo_kinds import BASE, SCENES
 from phantoms.stereo_scenes import random_rig, render
-from tests.robot.stereo_views import on_boards
+from tests.robot.stereo.stereo_views import on_boards
 
 LOOKED_AT = 2
 """A seed that was looked at while tuning: the study's own stay unseen."""
@@ -27,7 +27,7 @@ WHY = {
 
 
 DARK_LIMB = "limb darkens as the cosine"
-"""Mostly refused, as not known to a fiftieth of a millimeter: tests/robot/test_stereo_light.py has one of each."""
+"""Mostly refused, as not known to a fiftieth of a millimeter: robot/stereo/test_sphere_light.py has one of each."""
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ from ronnaplan.robot.stereo.images import read_pairs
 from ronnaplan.robot.stereo.markers import in_rig
 from ronnaplan.tracking import find_markers, read_recording
 from tests import cases
-from tests.robot.boards import find_once
+from tests.robot.stereo.boards import find_once
 from tests.robot.test_pivot import recording
 
 ROOT = Path(__file__).resolve().parents[2]

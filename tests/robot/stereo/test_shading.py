@@ -8,7 +8,7 @@ from ronnaplan.robot.stereo.camera import Camera
 from ronnaplan.robot.stereo.circles import Image
 from ronnaplan.robot.stereo.outline import find_cones
 from ronnaplan.robot.stereo.shading import ShadedSphere, find_shaded, in_own_shadow
-from tests.robot.stereo_views import rendered
+from tests.robot.stereo.stereo_views import rendered
 
 
 def seen(scene: str, seed: int, side: int) -> tuple[Image, Camera, np.ndarray]:

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from phantoms import cameras as rendering
 from phantoms.robot_session import DISTORTIONS, MATRICES, SIZE
 from ronnaplan.robot.stereo.board import _fitted, find_corners, grid_mm, quarters_apart, recounted, shapes
-from tests.robot.stereo_views import RIGHT
+from tests.robot.stereo.stereo_views import RIGHT
 
 CORNERS = (9, 7)
 

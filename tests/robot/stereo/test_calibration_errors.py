@@ -18,7 +18,7 @@ from ronnaplan.robot.stereo.calibration import StereoCalibration, calibrate_on_b
 from ronnaplan.robot.stereo.calibration_errors import errors_of, known_share
 from ronnaplan.robot.stereo.camera import RIG, StereoRig
 from ronnaplan.sigmas import SIGMA_SQUARE
-from tests.robot.stereo_views import RIGHT, D, K
+from tests.robot.stereo.stereo_views import RIGHT, D, K
 
 CORNERS, SQUARE_MM, NOISE_PX = (9, 7), 5.5, 0.02
 PLACES = np.array([[0.0, 0, 300], [12, -8, 305], [-20, 10, 296], [24, 16, 300], [-28, -20, 303]])

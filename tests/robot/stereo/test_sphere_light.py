@@ -10,7 +10,7 @@ from phantoms.stereo_kinds import SCENES
 from phantoms.stereo_scenes import random_rig, render
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.robot.stereo.sphere import locate_sphere
-from tests.robot.stereo_views import DIAMETER, calibrated, rendered
+from tests.robot.stereo.stereo_views import DIAMETER, calibrated, rendered
 
 
 def test_a_limb_as_dark_as_the_ground_is_measured_where_the_lamps_are_at_the_lenses() -> None:

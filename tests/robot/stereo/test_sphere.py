@@ -17,7 +17,18 @@ from ronnaplan.robot.chain import TCP, R
 from ronnaplan.robot.stereo.camera import RIG, Camera, StereoRig
 from ronnaplan.robot.stereo.outline import find_cones, find_outlines
 from ronnaplan.robot.stereo.sphere import StereoSphere, locate_sphere
-from tests.robot.stereo_views import DIAMETER, RIG_EXACT, RIGHT, D, K, moved, on_boards, placed, rendered, seen
+from tests.robot.stereo.stereo_views import (
+    DIAMETER,
+    RIG_EXACT,
+    RIGHT,
+    D,
+    K,
+    moved,
+    on_boards,
+    placed,
+    rendered,
+    seen,
+)
 
 
 @cache

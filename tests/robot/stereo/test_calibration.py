@@ -14,8 +14,8 @@ from ronnaplan.robot.stereo import board, calibration
 from ronnaplan.robot.stereo.board import FEWEST_BOARDS
 from ronnaplan.robot.stereo.calibration import calibrate_on_board, calibrate_tcp
 from ronnaplan.robot.stereo.sphere import locate_sphere
-from tests.robot.boards import find_once
-from tests.robot.stereo_views import DIAMETER, RIG_EXACT, moved, placed
+from tests.robot.stereo.boards import find_once
+from tests.robot.stereo.stereo_views import DIAMETER, RIG_EXACT, moved, placed
 
 CORNERS, SQUARE = (9, 7), 6.0
 

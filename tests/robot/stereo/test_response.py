@@ -8,7 +8,7 @@ import pytest
 from ronnaplan.errors import RefusedError
 from ronnaplan.robot.stereo.response import noise_beside
 from ronnaplan.robot.stereo.sphere import locate_sphere
-from tests.robot.stereo_views import DIAMETER, rendered
+from tests.robot.stereo.stereo_views import DIAMETER, rendered
 
 
 def bent(grey: np.ndarray) -> np.ndarray:
