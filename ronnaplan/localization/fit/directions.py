@@ -53,7 +53,8 @@ and takes from the ball's level. It is more than for inserts: under a kernel tha
 tenth beside its post than elsewhere."""
 
 BACKGROUND_QUANTILE = 0.3
-"""The background is what this share of the directions reach at most: a ball may lie on skin, not in it."""
+"""The background is what this share of the directions reach at most: something touches most markers, and a ball may
+lie on skin, not in it."""
 
 USUAL_QUANTILE = 0.3
 """The usual direction is a good one: with an insert and a post, more than half of them may be disturbed."""

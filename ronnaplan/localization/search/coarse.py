@@ -18,11 +18,9 @@ COARSE_SHARE = 1.0 / 5.0
 COARSE_FLOOR_MM = 1.0
 """... but need not be smaller than this, unless the marker is smaller than three of them."""
 
-HIGHEST_HU = 32767
-"""Values above are metal at its brightest; the coarse copy holds 16 bits."""
-
-AIR_HU = -1024
-"""Values below air are not physical (padding, the corners of the picture) and are raised to it."""
+LOWEST_HU, HIGHEST_HU = -1024, 32767
+"""Values below are not physical (padding, the corners of the picture) and are raised to the lowest; those above are
+metal at its brightest, of which the copy's 16 bits hold no more."""
 
 Blocks = tuple[int, int, int]
 """How many slices, rows and columns of a scan make one voxel of its copy."""
@@ -36,7 +34,7 @@ def coarse_voxel_mm(diameter_mm: float, coarse_share: float = COARSE_SHARE) -> f
 def coarsen(volume: CTVolume, voxel_mm: float) -> CTVolume:
     """Average whole blocks of voxels so that none grows beyond ``voxel_mm`` where it was smaller before."""
     by = blocks(volume, voxel_mm)
-    if by == (1, 1, 1) and volume.voxels_hu.dtype == np.int16 and volume.voxels_hu.min() >= AIR_HU:
+    if by == (1, 1, 1) and volume.voxels_hu.dtype == np.int16 and volume.voxels_hu.min() >= LOWEST_HU:
         return volume
     grid = coarse_grid(volume, by)
     return replace(volume, voxels_hu=averaged(volume, by, 0, len(grid.origins_mm)), grid=grid)
@@ -90,11 +88,11 @@ def _average(
     first: int,
     end: int,
 ) -> None:
-    """Fill the slices ``first`` to ``end`` of ``coarse`` with means of so many voxels, from air upwards."""
+    """Fill the slices ``first`` to ``end`` of ``coarse`` with means of so many voxels, within what the copy holds."""
     _, rows, columns = coarse.shape
     sums, means = np.empty(columns * by_i, dtype=np.float32), np.empty(columns, dtype=np.float32)
     per_pixel, per_slice = np.float32(1.0 / (by_j * by_i)), np.float32(1.0 / by_k)
-    air, highest = np.float32(AIR_HU), np.float32(HIGHEST_HU)
+    lowest, highest = np.float32(LOWEST_HU), np.float32(HIGHEST_HU)
     for k in range(first, end):
         for j in range(rows):
             means[:] = 0.0
@@ -103,7 +101,7 @@ def _average(
                 for b in range(by_j):
                     row = fine[k * by_k + a, j * by_j + b]
                     for i in range(len(sums)):
-                        sums[i] += max(np.float32(row[i]), air)
+                        sums[i] += max(np.float32(row[i]), lowest)
                 _add_means(sums, by_i, per_pixel, means)
             for i in range(columns):
                 coarse[k, j, i] = np.int16(min(means[i] * per_slice, highest))

@@ -56,9 +56,8 @@ def _search(
 
     Its edges are looked for once, and vote for each of the diameters.
     """
-    axes = grid.axes
+    axes, steps = grid.axes, grid.steps_mm
     origins = grid.origins_mm @ axes.T
-    steps = np.array([grid.column_spacing_mm, grid.row_spacing_mm])
     rows, columns = slab(0, 1).shape[1:]
     extent = np.array([steps[0] * (columns - 1), steps[1] * (rows - 1), 0.0])
     low, high = origins.min(axis=0), origins.max(axis=0) + extent

@@ -14,6 +14,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build
 from ronnaplan.localization.fit.algebra import ranked
 from ronnaplan.localization.fit.cells import CELL_COUNT, cell_directions
+from ronnaplan.localization.fit.directions import BACKGROUND_QUANTILE
 from ronnaplan.localization.fit.guess import margin_mm
 from ronnaplan.localization.search.detect import MIN_CONTRAST_HU
 from ronnaplan.threads import in_parts
@@ -29,9 +30,6 @@ LEAST_HELD = 0.05
 
 MARGIN_SHARE = 0.7
 """Where this share of the blur's reach is left behind, it is as dark as the surroundings."""
-
-BACKGROUND_SHARE = 0.3
-"""The surroundings' level is what this share of the directions reach at most: something touches most markers."""
 
 GLANCE = 24
 """So many directions tell that most places are nothing like a ball."""
@@ -126,9 +124,8 @@ Lookup = tuple[Voxels, FloatArray, FloatArray, float]
 def lookup_of(volume: CTVolume) -> Lookup:
     """Return what the compiled functions look voxels up in."""
     grid = volume.grid
-    steps_mm = np.array([grid.column_spacing_mm, grid.row_spacing_mm])
-    padding_hu = math.nan if volume.padding_hu is None else float(volume.padding_hu)
-    return volume.voxels_hu, np.ascontiguousarray(grid.origins_mm @ grid.axes.T), steps_mm, padding_hu
+    origins_mm = np.ascontiguousarray(grid.origins_mm @ grid.axes.T)
+    return volume.voxels_hu, origins_mm, grid.steps_mm, volume.padding_or_nan_hu
 
 
 @njit(cache=True, nogil=True)
@@ -217,7 +214,7 @@ def _share(inside: FloatArray, outside: FloatArray, known: FloatArray) -> float:
     dark = _known(outside, known)
     if dark == 0:
         return 0.0
-    low = ranked(known[:dark], int(BACKGROUND_SHARE * (dark - 1)))
+    low = ranked(known[:dark], int(BACKGROUND_QUANTILE * (dark - 1)))
     if high - low < MIN_CONTRAST_HU:
         return 0.0
     middle, fallen = (high + low) / 2.0, 0

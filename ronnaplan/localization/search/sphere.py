@@ -12,6 +12,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build
 from ronnaplan.localization.fit.algebra import quantile, solve
 from ronnaplan.localization.fit.cells import cell_directions
+from ronnaplan.localization.fit.directions import BACKGROUND_QUANTILE
 from ronnaplan.localization.search.look import Lookup, fill_nearest, lookup_of
 from ronnaplan.threads import in_parts
 
@@ -28,9 +29,6 @@ BALL_RADII = 28
 
 SAME_RATIO = (0.6, 1.7)
 """A sphere of another size than these shares of what was looked for is looked for at that size."""
-
-SURROUNDINGS_SHARE = 0.3
-"""The surroundings' level is what this share of the directions reach at most."""
 
 
 def spheres_at(
@@ -105,7 +103,7 @@ def _falls(
         usual = quantile(values[r], 0.5) if is_hollow else -np.inf
         if usual > highest:  # what is hollow is dark within
             start, highest = r, usual
-    level = (quantile(values[start], 0.5) + quantile(values[-1], SURROUNDINGS_SHARE)) / 2.0
+    level = (quantile(values[start], 0.5) + quantile(values[-1], BACKGROUND_QUANTILE)) / 2.0
     count = 0
     for n in range(len(directions)):
         first = start

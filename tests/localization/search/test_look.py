@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ronnaplan.localization.fit.directions import BACKGROUND_QUANTILE
 from ronnaplan.localization.search.detect import MIN_CONTRAST_HU
-from ronnaplan.localization.search.look import BACKGROUND_SHARE, _share
+from ronnaplan.localization.search.look import _share
 
 
 def test_shares_are_those_of_sorted_values_and_what_is_unknown_counts_for_neither() -> None:
@@ -17,7 +18,7 @@ def test_shares_are_those_of_sorted_values_and_what_is_unknown_counts_for_neithe
             bright, dark = np.sort(inside[np.isfinite(inside)]), np.sort(outside)
             told = 0.0
             if len(bright):
-                high, low = bright[len(bright) // 2], dark[int(BACKGROUND_SHARE * 23)]
+                high, low = bright[len(bright) // 2], dark[int(BACKGROUND_QUANTILE * 23)]
                 middle = (high + low) / 2.0
                 told = float(np.mean((inside > middle) & (outside < middle))) * bool(high - low >= MIN_CONTRAST_HU)
             assert _share(inside, outside, np.empty(24)) == told
