@@ -26,9 +26,9 @@ MIN_FLAT_VOXELS = 30
 def noise_level(fit: BallFit) -> float:
     """Standard deviation of the noise (HU) where the ball and its surroundings are flat.
 
-    Robust to streaks (each direction's mean is taken off) and to air at the bottom of the scale (only the upper
-    half of the values counts); the quieter of inside and outside, for what disturbs only adds. Air below the scale has
-    no noise: where the ball's inside tells, it is not asked.
+    Robust to streaks (each direction's mean is taken off, or that of all where hardly two voxels share a direction) and
+    to air at the bottom of the scale (only the upper half of the values counts); the quieter of inside and outside, for
+    what disturbs only adds. Air below the scale has no noise: where the ball's inside tells, it is not asked.
     """
     around = fit.neighbourhood
     is_measured = fit.jacobian[:, BACKGROUND] != 0.0  # clipped voxels have no noise
@@ -59,10 +59,20 @@ def _quieter(
             cut_off += depth > 0.0 and is_cut_off[n]
             if is_measured[n]:
                 zones[n], cells[n] = 1 if depth > 0.0 else 0, direction_cell(u, v, w)
+    air_is_cut_off = cut_off > CUT_OFF_SHARE * outside
+    level = _of_zones(residuals, zones, cells, air_is_cut_off)
+    if math.isinf(level):
+        level = _of_zones(residuals, zones, np.zeros(len(offsets), np.intp), air_is_cut_off)
+    return level if level < math.inf else _noise(residuals, zones, 1, cells)
+
+
+@njit(cache=True, nogil=True)
+def _of_zones(
+    residuals: FloatArray, zones: NDArray[np.int8], cells: NDArray[np.intp], air_is_cut_off: bool
+) -> float:
+    """Return the noise of the quieter of both zones, the inside where air is cut off; infinity if untold."""
     inside = _noise(residuals, zones, 0, cells)
-    if inside < math.inf and cut_off > CUT_OFF_SHARE * outside:
-        return inside
-    return min(inside, _noise(residuals, zones, 1, cells))
+    return inside if air_is_cut_off else min(inside, _noise(residuals, zones, 1, cells))
 
 
 @njit(cache=True, nogil=True)

@@ -67,6 +67,30 @@ def test_the_noise_of_a_small_ball_is_told_though_most_directions_show_a_single_
     assert noise_level(fit) == pytest.approx(100.0, rel=0.25)
 
 
+def test_the_noise_is_told_where_no_two_voxels_share_a_direction(ball: BallFit) -> None:
+    """As of balls of two pixels. What is left over at the edge, as of what is no ball, is not taken for noise."""
+    around, away_mm = ball.neighbourhood, outward_mm(ball)
+    cells = direction_cells(around.offsets_mm - ball.theta[CENTER])
+    alone = np.abs(away_mm) < EDGE_MM
+    outside = np.flatnonzero(ball.used & (away_mm > 3 * EDGE_MM))
+    alone[outside[np.unique(cells[outside], return_index=True)[1]]] = True
+    seen = replace(around, floors_hu=np.full(len(cells), -3000.0))
+    fit = replace(ball, used=ball.used & alone, neighbourhood=seen, jacobian=np.ones_like(ball.jacobian))
+    levels_hu = [
+        noise_level(replace(fit, residuals_hu=left_over(ball, 10.0, 10.0, seed).residuals_hu))
+        for seed in range(SEEDS)
+    ]
+    assert np.mean(levels_hu) == pytest.approx(10.0, rel=0.1)
+
+
+def test_the_noise_of_a_small_ball_is_told_where_the_scale_cuts_that_of_air_off() -> None:
+    small = scan(balls([(1.0, 2.0, 3.0)], 5.0), small_stack(), noise_hu=0.0)
+    noisy = with_white_noise(small, 100.0)
+    cut = replace(noisy, voxels_hu=np.maximum(noisy.voxels_hu, -900.0))
+    fit = fit_place(Scan(cut), np.array([1.2, 1.9, 2.8]), 5.0)
+    assert noise_level(fit) > 30.0  # 6 by its air
+
+
 @pytest.mark.parametrize("begins_hu", [-950.0, -900.0, -800.0, -700.0])
 def test_the_noise_of_a_ball_is_told_where_the_scale_cuts_that_of_air_off(
     quiet: CTVolume, begins_hu: float
