@@ -105,7 +105,7 @@ def test_long_names_stay_within_their_line_and_are_whole_in_their_title(
 
 
 def test_what_stands_below_a_long_list_is_within_reach_and_what_is_selected_is_seen(
-    page: Any, browser: Any, full: Planner
+    page: Any, running_browser: Any, full: Planner
 ) -> None:
     page.set_viewport_size({"width": 1280, "height": 800})
     page.wait_for_selector("#measures td")
@@ -120,7 +120,7 @@ def test_what_stands_below_a_long_list_is_within_reach_and_what_is_selected_is_s
     page.click("#paths .rp-row >> nth=-1")
     last = value(page, "paths")[-1]["name"]
     eventually(page, lambda: bool(value(page, "chosen")["name"] == last))
-    other = opened(browser, full.url)  # begins where this one looked
+    other = opened(running_browser, full.url)  # begins where this one looked
     assert value(other, "chosen")["name"] == last
     other.wait_for_function(
         """() => { const list = document.querySelector(".rp-list").getBoundingClientRect(),
@@ -128,3 +128,4 @@ def test_what_stands_below_a_long_list_is_within_reach_and_what_is_selected_is_s
           return row.top >= list.top - 1 && row.bottom <= list.bottom + 1; }""",
         timeout=PATIENCE_MS,
     )
+    other.close()
