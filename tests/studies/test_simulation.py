@@ -93,7 +93,7 @@ def test_stated_probabilities_are_calibrated_on_a_sample() -> None:
         total = add(total, block)
     bins = np.array(total["calibration"])
     expected = bins[:, 2].sum()
-    assert bins[:, 1].sum() == pytest.approx(expected, abs=3 * np.sqrt(bins[:, 0].sum() - expected))
+    assert bins[:, 1].sum() == pytest.approx(expected, abs=2.5 * np.sqrt(bins[:, 0].sum() - expected))
 
 
 def test_the_study_writes_its_results_and_is_the_same_for_any_number_of_workers(tmp_path: Path) -> None:
