@@ -232,10 +232,10 @@ def _refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: Float
         error = residual * sds
         freedom = np.maximum(freedom.reshape(2, 3).sum(axis=1), LEAST_FREEDOM)
         spread = np.sqrt((error**2).sum(axis=0).reshape(2, 3).sum(axis=1) / freedom)
-        least = np.maximum(FINEST, LOPSIDED * spread[::-1] * (1e-3, 1e3))
-        sds = np.repeat(np.maximum(spread, least), 3)
-    # noise is judged by what it leaves, along each axis: what poses are taken to err by at least has to be there
-    residual += np.repeat(least, 3) / sds * np.random.default_rng(0).normal(size=residual.shape)
+        sds = np.repeat(np.maximum.reduce([spread, FINEST, LOPSIDED * spread[::-1] * (1e-3, 1e3)]), 3)
+    # noise is judged by what it leaves: what is missing of the least that poses are taken to err by has to be there
+    missing = np.sqrt(1 - (np.repeat(spread, 3) / sds) ** 2)
+    residual += missing * np.random.default_rng(0).normal(size=residual.shape)
     return _Fit(left, right, sds, design, residual, step, error)
 
 
