@@ -11,15 +11,13 @@ from ronnaplan.scene.packed import packed
 
 
 def head_routes(heads: Callable[[], Iterable[HeadView]]) -> list[web.RouteDef]:
-    """Return what is answered of the ``heads`` of all pages: of things, null where one is no longer shown."""
+    """Return what is answered of the ``heads`` of all pages: each thing by its key, those that are still shown."""
 
     async def things(request: web.Request) -> web.Response:
         scenes = [view.scene for view in heads() if view.scene is not None]
-        found = (
-            next((one for scene in scenes if (one := scene.thing(key)) is not None), None)
-            for key in request.match_info["keys"].split(",")
-        )
-        return web.json_response([None if one is None else packed(one) for one in found])
+        keys = set(request.match_info["keys"].split(","))
+        found = {key: one for key in keys for scene in scenes if (one := scene.thing(key)) is not None}
+        return web.json_response({key: packed(one) for key, one in found.items()})
 
     async def volume(_: web.Request) -> web.Response:
         made = next((view.parts.volume for view in heads() if view.parts.volume is not None), None)

@@ -100,7 +100,8 @@ def series_at(path: Path, root: Path, called: str = "") -> list[Found]:
     calls the place.
     """
     if path.is_file() and is_image_file(path):
-        return [Found(path, path.parent, summarize(path)[0][0], None)]
+        strangers = _strangers(_frames_in(path.parent), None)
+        return [Found(path, path.parent, summarize(path)[0][0], None, strangers)]
     catalogue = find_series(path)
     catalogue.require_series(called)
     ordered = sorted(catalogue.series, key=lambda one: not one.is_usable)
@@ -108,7 +109,7 @@ def series_at(path: Path, root: Path, called: str = "") -> list[Found]:
     found = []
     for one in ordered:
         case = _case_of(path, one, root, planned)
-        strangers = tuple(name for name, uid in planned(case).items() if uid != one.first.frame_of_reference_uid)
+        strangers = _strangers(planned(case), one.first.frame_of_reference_uid)
         found.append(Found(path, case, summary_of(one), preview(one), strangers))
     return found
 
@@ -141,6 +142,11 @@ def _case_of(path: Path, series: Series, root: Path, planned: Callable[[Path], d
     above = [one for one in (beside, *beside.parents) if one.is_relative_to(root)]
     uid = series.first.frame_of_reference_uid
     return next((one for one in above if uid is not None and uid in planned(one).values()), beside)
+
+
+def _strangers(frames: dict[str, str | None], uid: str | None) -> tuple[str, ...]:
+    """Return the names of documents, with the ``frames`` they are of, that are not of the frame of a scan."""
+    return tuple(name for name, known in frames.items() if known != uid)
 
 
 def _frames_in(folder: Path) -> dict[str, str | None]:

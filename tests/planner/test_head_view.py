@@ -7,8 +7,11 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from aiohttp import web
+from aiohttp.test_utils import TestClient, TestServer
 
 from ronnaplan.planner.cuts import Picture
+from ronnaplan.planner.head_routes import head_routes
 from ronnaplan.planner.head_view import HeadView
 from ronnaplan.planner.over_head import over_head
 from ronnaplan.planner.panes import Pane
@@ -21,6 +24,7 @@ from ronnaplan.scene.shapes import Body
 from ronnaplan.scene.surfaces import surfaces
 from ronnaplan.scene.vtk import Workshop
 from tests import cases
+from tests.loops import run
 
 SAME = 1e-4
 """Share of the picture that may differ where things seen through lie on each other."""
@@ -179,3 +183,20 @@ def test_the_title_tells_who_draws_and_of_tubes_where_there_are_some(head: HeadV
     head.state.case.remove("left")
     title = over_head(head.state, head.camera, False, {}, Pane(), drawn_here=False)["title"]
     assert title == "3-D skin, drawn by the server"
+
+
+def test_a_thing_is_sent_once_however_often_one_request_names_it(head: HeadView) -> None:
+    """Of one request with 4,000 times the skin 4 GB were made, and no page was answered meanwhile."""
+    application = web.Application()
+    application.add_routes(head_routes(lambda: [head, head]))
+    shown(head)
+    assert head.scene is not None
+    (key,) = (one["key"] for one in head.scene.listed if one["name"] == "skin")
+
+    async def asked() -> None:
+        async with TestClient(TestServer(application)) as client:
+            once = await (await client.get(f"/things/{key}")).json()
+            assert [one["name"] for one in once.values()] == ["skin"]
+            assert await (await client.get(f"/things/{','.join([key] * 1000)},,-1,x")).json() == once
+
+    run(asked())

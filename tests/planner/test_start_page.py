@@ -16,9 +16,12 @@ from aiohttp import web
 from aiohttp.test_utils import TestClient, TestServer
 from pydicom import dcmread
 
+from ronnaplan.ct import read_ct
+from ronnaplan.documents.plan import write_plan
 from ronnaplan.errors import UsageError
 from ronnaplan.planner.places import Places, rows, series_at
 from ronnaplan.planner.starting import StartPage
+from ronnaplan.planning import Plan
 from tests import cases
 from tests.loops import run
 from tests.planner.browser import PATIENCE_MS, environment, eventually, needs_browser
@@ -100,6 +103,19 @@ def test_a_scan_in_a_folder_with_another_scans_plan_is_not_gone_on_with(scans: P
     assert [one["strangers"] for one in rows(series_at(study, scans))] == ["fiducials.json"]
     (study / "fiducials.json").unlink()
     assert [one["strangers"] for one in rows(series_at(study, scans))] == [""]
+
+
+def test_an_image_file_names_no_frame_and_is_not_gone_on_with_by_a_dicom_scans_plan(scans: Path) -> None:
+    """As of an MR beside the plan of a CT; a plan of its own is gone on with."""
+    study = scans / "study"
+    image = cases.write_label_map(study / "mr.nii.gz")
+    (row,) = rows(series_at(image, scans))
+    assert (row["known"], row["strangers"]) == (False, "plan.json, fiducials.json, registration.json")
+    for document in ("plan.json", "fiducials.json", "registration.json"):
+        (study / document).unlink()
+    write_plan(study / "plan.json", Plan.of_scan(read_ct(image)))
+    (row,) = rows(series_at(image, scans))
+    assert (row["known"], row["strangers"]) == (True, "")
 
 
 def test_no_series_of_another_tabs_folder_is_opened_in_the_place_of_one_that_is_listed(scans: Path) -> None:

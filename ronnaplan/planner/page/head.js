@@ -2,8 +2,9 @@
 (() => {
   const SLOWEST_MS = 150, TIMED = 5; // a frame that takes longer is drawn sooner by the server
   const AT_ONCE = 50; // of hundreds of things one by one each would wait for the one before
+  const ASK_AGAIN_MS = 1000; // after this what did not come is asked for again, as where the network changed meanwhile
   const things = new Map(), pictures = {};
-  let viewer = null, slow = null, wanted = [], timed = [], loading = 0; // slow: a viewer that was found to be
+  let viewer = null, slow = null, timed = [], loading = 0; // slow: a viewer that was found to be
 
   function begin(canvas) {
     viewer = window.ronnaplanViewer(canvas);
@@ -41,21 +42,31 @@
     else window.trame.state.set("news", `3-D still takes ${Math.round(Math.min(...timed))} ms a frame in this browser; the server draws it`);
   }
 
+  // Things by their keys, without those that are shown no longer; null where no answer came.
+  async function fetched(keys) {
+    try {
+      const answer = await fetch(`things/${keys}`);
+      return answer.ok ? await answer.json() : null;
+    } catch {
+      return null;
+    }
+  }
   async function load(canvas, listed) {
-    wanted = listed;
     if (!viewer) return;
     const turn = ++loading, lacking = listed.map((one) => one.key).filter((key) => !things.has(key));
     while (lacking.length) {
-      const keys = lacking.splice(0, AT_ONCE), answer = await fetch(`things/${keys}`), come = answer.ok ? await answer.json() : [];
+      const come = await fetched(lacking.slice(0, AT_ONCE));
       if (!viewer) return;
-      come.forEach((one, n) => one && !things.has(keys[n]) && things.set(keys[n], viewer.load(one)));
+      for (const [key, one] of Object.entries(come ?? {})) if (!things.has(key)) things.set(key, viewer.load(one));
+      if (come) lacking.splice(0, AT_ONCE);
+      else await new Promise((resolve) => setTimeout(resolve, ASK_AGAIN_MS));
       if (turn !== loading) return;
     }
     const keys = new Set(listed.map((one) => one.key));
     for (const [key, thing] of things) {
       if (!keys.has(key)) viewer.forget(thing), things.delete(key);
     }
-    viewer.things = wanted.map((one) => things.get(one.key)).filter(Boolean);
+    viewer.things = listed.map((one) => things.get(one.key)).filter(Boolean);
     if (timed.length < TIMED && viewer.things.length && viewer.eye) {
       timed = Array.from({ length: TIMED }, () => viewer.timed());
       if (Math.min(...timed) > SLOWEST_MS) return leave(canvas, viewer);
