@@ -31,8 +31,7 @@ def run_check(arguments: argparse.Namespace) -> int:
 
     case = read_named_case(arguments)
     assert case.plan is not None
-    if not case.plan.trajectories:
-        raise InputError("the plan has no trajectory to check; add one first")
+    case.plan.require_trajectories("to check")
     judged = case.judgements
     for one in judged:
         if one.problem:

@@ -54,7 +54,7 @@ def line_markups(plan: Plan) -> str:
 
     Raises `InputError` where there is none.
     """
-    _require_some(plan)
+    plan.require_trajectories()  # without any neither Slicer nor `plan import` would read it
     lines = [_line(trajectory) for trajectory in plan.trajectories]
     return plain_json({"@schema": SCHEMA, "markups": lines})
 
@@ -89,7 +89,7 @@ def _named(path: str | os.PathLike[str]) -> str:
 
 def plan_table(plan: Plan) -> str:
     """Write the trajectories as CSV, one row each, LPS mm; raises `InputError` where there is none."""
-    _require_some(plan)
+    plan.require_trajectories()  # without any neither Slicer nor `plan import` would read it
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(CSV_HEADER)
@@ -112,12 +112,6 @@ def plan_table(plan: Plan) -> str:
             ]
         )
     return stream.getvalue()
-
-
-def _require_some(plan: Plan) -> None:
-    """Refuse what Slicer, and `plan import`, would refuse to read."""
-    if not plan.trajectories:
-        raise InputError("the plan has no trajectory; add one first")
 
 
 def contacts_table(plan: Plan) -> str:

@@ -26,7 +26,6 @@ from ronnaplan import __version__
 from ronnaplan.documents.dicom_spatial import Kind, begin_object, frame_uid
 from ronnaplan.documents.fiducials import FiducialEntry, FiducialsDocument, Source
 from ronnaplan.documents.plan import plan_text
-from ronnaplan.errors import InputError
 from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.text import counted
 
@@ -76,8 +75,7 @@ def planned_trajectories(plan: Plan, source: Source, patient: Dataset, images: l
     Raises `InputError` where there is none, or the scan has no frame of reference.
     """
     frame = frame_uid(source)
-    if not plan.trajectories:
-        raise InputError("the plan has no trajectory; add one first")
+    plan.require_trajectories()
     content = plan_text(plan)
     groups = [_path(one, frame, content) for one in plan.trajectories]
     made = _report(groups, PLANNED, source, content, patient, images)

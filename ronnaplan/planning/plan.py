@@ -117,6 +117,11 @@ class Plan(Shown[Trajectory]):
         """Raise as `ScanIdentity.require` does unless ``volume`` is the plan's scan, or another series of its frame."""
         volume.identity.require(self.identity)
 
+    def require_trajectories(self, wanted: str = "") -> None:
+        """Raise `InputError` unless there is a trajectory; what for may be ``wanted``, as in "to check"."""
+        if not self.trajectories:
+            raise InputError(f"the plan has no trajectory{wanted and f' {wanted}'}; add one first")
+
     def trajectory(self, name: str) -> Trajectory:
         """Return the trajectory called ``name``; raises `InputError` with the known names."""
         return self.trajectories[self._index(name)]
