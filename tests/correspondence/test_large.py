@@ -288,9 +288,7 @@ def test_a_pair_is_doubtful_where_more_is_required_than_its_own_probability(seed
     ct, ots, _ = cloud(seed, 20, 12, 60.0)
     found = match_points(ct, ots)
     least = int(found.pair_probabilities.argmin())
-    own = (
-        found.pair_probabilities[least] / found.probability
-    )  # given the pose, whose own probability is judged first
+    own = found.pair_probabilities[least] / found.probability  # the pose's own is judged first
     stricter, as_strict = (match_points(ct, ots, least_probability=own + more) for more in (1e-6, -1e-6))
     assert stricter.doubtful.tolist() == [found.pairs[least].tolist()]
     assert as_strict.pairs.tolist() == found.pairs.tolist()
