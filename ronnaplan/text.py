@@ -132,6 +132,20 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
+def chance(value: float | None, digits: int = 3) -> str:
+    """Write a chance; none that is not certain as if it were.
+
+    >>> chance(0.9994), chance(0.9996), chance(0.0004), chance(None), chance(0.9999996, 6)
+    ('0.999', '> 0.999', '< 0.001', '-', '> 0.999999')
+    """
+    if value is None or math.isnan(value):
+        return "-"
+    least = 10.0**-digits
+    if value >= 1.0 - least / 2:
+        return f"> {1.0 - least:.{digits}f}"
+    return f"< {least:.{digits}f}" if value < least / 2 else f"{value:.{digits}f}"
+
+
 def sizes(diameters_mm: Iterable[float]) -> str:
     """Return the diameters that were looked for, for a sentence that says so.
 

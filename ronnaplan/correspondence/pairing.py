@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ronnaplan.display import Shown
 from ronnaplan.geometry import FloatArray
+from ronnaplan.text import chance
 
 if TYPE_CHECKING:
     from ronnaplan.figures import Picture
@@ -109,7 +110,7 @@ class Pairing(Shown[tuple[int, int]]):
         return [(int(ct), int(ots)) for ct, ots in self.pairs]
 
     def _headline(self) -> str:
-        sure = "" if np.isnan(self.probability) else f", probability {self.probability:.6g}"
+        sure = "" if np.isnan(self.probability) else f", probability {chance(self.probability, 6)}"
         why = f": {self.reason}" if self.reason else ""
         return f"{self.status}, {len(self)} pairs{sure}{why}"
 

@@ -7,7 +7,7 @@ import numpy as np
 from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.registration.flags import MISFIT_PROBABILITY
 from ronnaplan.registration.radius import radius_95_mm
-from ronnaplan.text import columns, filled
+from ronnaplan.text import chance, columns, filled
 
 FRE_WARNING = (
     "FRE and residuals tell how well the markers agree; they do not measure the error at a target.\n"
@@ -35,10 +35,8 @@ def registration_text(document: RegistrationDocument) -> str:
     for pair in document.pairs:
         out = "       -" if pair.leave_one_out is None else f"{pair.leave_one_out:8.2f}"
         lines.append(f"{filled(pair.ct, ct)} {filled(pair.ots, ots)} {pair.residual:8.2f}  {out}")
-    lines.append(f"FRE {document.fre_rms:.3f} mm RMS; pairing probability {document.probability:.6f}")
-    lines += [
-        f"fit probability {chance:.3g}: {FIT}" for chance in [document.fit_probability] if chance is not None
-    ]
+    lines.append(f"FRE {document.fre_rms:.3f} mm RMS; pairing probability {chance(document.probability, 6)}")
+    lines += [f"fit probability {fits:.3g}: {FIT}" for fits in [document.fit_probability] if fits is not None]
     lines += [f"warning: {doubt}" for doubt in document.doubts]
     lines += ["", FRE_WARNING]
     errors = _expected_errors(document)

@@ -27,7 +27,7 @@ so many times the usual one lacks slices."""
 TITLES = {
     "inline": "in line with {}",
     "second": "in line with {}, at right angles",
-    "probe": "probe's eye, {:.1f} mm {} target, {:.1f} deep",
+    "probe": "{:.1f} mm {} target, {:.1f} deep: probe's eye",
 }
 STANDARD_NAMES = ("axial", "coronal", "sagittal")
 

@@ -71,7 +71,7 @@ def _title(state: PlannerState, *, drawn_here: bool) -> str:
     if not drawn_here:
         title += ", drawn by the server"  # where the whole scan and the opened head are not to be had
     if state.case.plan.trajectories and state.case.surroundings.expected.counted is not None:
-        title += "; tubes hold the path with 95 %"
+        title += "; 95 % tubes"
     found = state.case.fiducials.fiducials if state.case.fiducials else ()
     for one in found:
         if one.label == state.look.marker:

@@ -25,7 +25,7 @@ from ronnaplan.planning.rows import (
     shape_rows,
     verdict_sentence,
 )
-from ronnaplan.text import counted, told_apart
+from ronnaplan.text import chance, counted, told_apart
 
 MOST_RIVALS = 4
 """Pairings shown beside each other."""
@@ -157,7 +157,11 @@ def registration_panel(state: PlannerState) -> dict[str, Any]:
         return {"status": "outdated", "summary": f"outdated: {state.case.outdated}"}
     errors = state.registering.expected_errors_mm()
     shown = told_apart(errors)
-    fre = "" if found.fre_rms is None else f"FRE {found.fre_rms:.3f} mm RMS, probability {found.probability:.6f}"
+    fre = (
+        ""
+        if found.fre_rms is None
+        else f"FRE {found.fre_rms:.3f} mm RMS, probability {chance(found.probability, 6)}"
+    )
     return {
         "status": found.status,
         "summary": f"{found.status}: {found.reason or fre}",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.case.folder import CT_FOLDER, FIDUCIALS, PLAN, REGISTRATION
+from ronnaplan.case.folder import CT_FOLDER, FIDUCIALS, PLACEMENT, PLAN, REGISTRATION, placement_at
 from ronnaplan.ct.catalogue import Series, find_series
 from ronnaplan.ct.files import DiskFile
 from ronnaplan.ct.images import is_image_file
@@ -23,6 +24,14 @@ from ronnaplan.documents.plan import read_plan
 from ronnaplan.documents.registration import read_registration
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.text import printable
+
+DOCUMENTS: dict[str, Callable[[Path], Any]] = {
+    PLAN: read_plan,
+    FIDUCIALS: read_fiducials,
+    REGISTRATION: read_registration,
+    PLACEMENT: placement_at,
+}
+"""Readers of the documents that are of one scan."""
 
 MOST_LISTED = 1000
 """Entries of a folder that are shown."""
@@ -152,9 +161,7 @@ def _strangers(frames: dict[str, str | None], uid: str | None) -> tuple[str, ...
 def _frames_in(folder: Path) -> dict[str, str | None]:
     """Return the UIDs of the frames of reference that the documents in a folder are of, by their names."""
     found: dict[str, str | None] = {}
-    for name, read in ((PLAN, read_plan), (FIDUCIALS, read_fiducials), (REGISTRATION, read_registration)):
-        try:
+    for name, read in DOCUMENTS.items():
+        with contextlib.suppress(InputError):  # none, or none that can be read: that is told when it is opened
             found[name] = read(folder / name).identity.frame.uid
-        except InputError:  # none, or none that can be read: that is told when it is opened
-            continue
     return found

@@ -11,12 +11,10 @@ from ronnaplan.planning.limits import Verdict
 from ronnaplan.planning.measures import Measures
 from ronnaplan.planning.placement import Placement
 from ronnaplan.planning.uncertainty import Basis, PathError
+from ronnaplan.text import chance
 
 Rows = list[tuple[str, str]]
 """What it is, and its value with the unit."""
-
-LEAST_CHANCE = 0.001
-"""What three digits tell from none."""
 
 MOST_DIGITS = 9
 """Digits after the point that a value may have to be told from its limit."""
@@ -34,17 +32,6 @@ def amount(value: float | None, unit: str) -> str:
     ('12.35 mm', '-', '1.00')
     """
     return "-" if value is None else f"{number(value)} {unit}".rstrip()
-
-
-def chance(value: float | None) -> str:
-    """Write a chance by three digits; none that is not certain as if it were.
-
-    >>> chance(0.9994), chance(0.9996), chance(0.0004), chance(None)
-    ('0.999', '> 0.999', '< 0.001', '-')
-    """
-    if value is None or LEAST_CHANCE / 2 <= value < 1.0 - LEAST_CHANCE / 2:
-        return number(value, 3)
-    return f"< {LEAST_CHANCE}" if value < LEAST_CHANCE else f"> {1.0 - LEAST_CHANCE}"
 
 
 def coordinates(place_mm: Iterable[float]) -> str:

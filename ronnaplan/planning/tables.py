@@ -11,9 +11,9 @@ from ronnaplan.planning.measures import Measures
 from ronnaplan.planning.placement import Placement
 from ronnaplan.planning.plan import Plan
 from ronnaplan.planning.proposals import Proposals
-from ronnaplan.planning.rows import chance, frame_sentence, number, value_and_limit
+from ronnaplan.planning.rows import frame_sentence, number, value_and_limit
 from ronnaplan.planning.uncertainty import Expectation
-from ronnaplan.text import table, told_apart
+from ronnaplan.text import chance, table, told_apart
 
 
 def plan_list(plan: Plan) -> str:

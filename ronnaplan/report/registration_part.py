@@ -10,7 +10,7 @@ from ronnaplan.documents.registration_text import FRE_WARNING
 from ronnaplan.planning.rows import number
 from ronnaplan.report.html import element, table
 from ronnaplan.report.part import Part
-from ronnaplan.text import told_apart
+from ronnaplan.text import chance, told_apart
 
 TITLE = "Registration"
 
@@ -26,7 +26,7 @@ def registration_part(case: Case) -> Part:
     rows = [(pair.ct, pair.ots, number(pair.residual), number(pair.leave_one_out)) for pair in found.pairs]
     body = [
         table(("CT marker", "reading", "residual mm", "left out mm"), rows),
-        element("p", f"FRE {number(found.fre_rms, 3)} mm RMS; pairing probability {number(found.probability, 6)}"),
+        element("p", f"FRE {number(found.fre_rms, 3)} mm RMS; pairing probability {chance(found.probability, 6)}"),
         element("p", FRE_WARNING, "note"),
     ]
     return Part(TITLE, body + _expected_errors(case), _warnings(case, found))

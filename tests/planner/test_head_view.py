@@ -161,7 +161,7 @@ def test_names_stand_where_things_are_drawn(head: HeadView) -> None:
     state.look.regions = {"vessels": Region("vessels", "#e53935")}
     drawn = over_head(state, head.camera, True, {"vessels": cases.ENTRY_MM}, Pane())
     assert [one["label"] for one in drawn["markers"] if one["ring"]] == ["F3", "x1"]
-    assert drawn["title"].startswith("3-D skin; tubes hold the path")
+    assert drawn["title"].startswith("3-D skin; 95 % tubes")
     places = {one["label"]: (one["x"], one["y"]) for one in drawn["points"]}
     (path,) = drawn["paths"]
     assert places["AC"] == pytest.approx(path["target"])

@@ -28,7 +28,7 @@ def test_a_picture_has_the_screens_pixels_and_fewer_of_the_same_shape_where_they
     assert min(Pane(1.0, 2000.0).shape(100)) >= 16
 
 
-TITLE = "probe's eye, 8.3 mm to target, 63.3 deep"
+TITLE = "8.3 mm to target, 63.3 deep: probe's eye"
 
 
 @pytest.mark.parametrize(
@@ -99,7 +99,7 @@ def test_the_probe_s_eye_tells_how_far_the_target_is_as_the_marks_along_the_path
     path = state.case.plan.trajectory("left")
     state.look.jump(path.at_depth(share * path.length_mm))
     title = over_cut(state, "probe", False, Pane())["title"]
-    assert title == f"probe's eye, {told} mm to target, {min(share, 1.0) * path.length_mm:.1f} deep"
+    assert title == f"{told} mm to target, {min(share, 1.0) * path.length_mm:.1f} deep: probe's eye"
 
 
 def test_a_cut_that_a_dragged_end_has_passed_tells_so(state: PlannerState) -> None:
@@ -108,7 +108,7 @@ def test_a_cut_that_a_dragged_end_has_passed_tells_so(state: PlannerState) -> No
     state.look.jump(path.target_mm)
     state.case.drag("left", "target", path.at_depth(path.length_mm - 5.0))
     title = over_cut(state, "probe", False, Pane())["title"]
-    assert title == f"probe's eye, 5.0 mm past target, {path.length_mm:.1f} deep"
+    assert title == f"5.0 mm past target, {path.length_mm:.1f} deep: probe's eye"
 
 
 def test_a_drag_to_the_right_widens_the_window_and_one_up_raises_it(state: PlannerState) -> None:

@@ -55,6 +55,7 @@ def test_readings_are_registered_and_the_error_at_the_target_follows_the_plan(
     assert state.case.registration is not None
     assert state.case.registration.status == "unique"
     assert json.loads((tmp_path / "registration.json").read_text())["status"] == "unique"
+    assert registration_panel(state)["summary"].endswith("probability > 0.999999"), "nothing is certain"
     before = state.registering.expected_errors_mm()
     state.case.edit("left", target_mm=T - [0, 0, 60])
     assert state.registering.expected_errors_mm()["left target"] > before["left target"]

@@ -18,6 +18,7 @@ from pydicom import dcmread
 
 from ronnaplan.ct import read_ct
 from ronnaplan.documents.plan import write_plan
+from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import UsageError
 from ronnaplan.planner.places import Places, rows, series_at
 from ronnaplan.planner.starting import StartPage
@@ -25,6 +26,7 @@ from ronnaplan.planning import Plan
 from tests import cases
 from tests.loops import run
 from tests.planner.browser import PATIENCE_MS, environment, eventually, needs_browser
+from tests.scene.test_robot import document as placement_document
 
 
 @pytest.fixture
@@ -96,9 +98,11 @@ def test_a_scan_in_a_folder_with_another_scans_plan_is_not_gone_on_with(scans: P
         made = dcmread(file)
         made.FrameOfReferenceUID = "1.2.3"
         made.save_as(file)
+    (study / "placement.json").write_text(to_json(placement_document()))
     (row,) = rows(series_at(study, scans))
-    assert (row["known"], row["strangers"]) == (False, "plan.json, fiducials.json, registration.json")
-    for document in ("plan.json", "registration.json"):
+    strangers = "plan.json, fiducials.json, registration.json, placement.json"
+    assert (row["known"], row["strangers"]) == (False, strangers)
+    for document in ("plan.json", "registration.json", "placement.json"):
         (study / document).unlink()
     assert [one["strangers"] for one in rows(series_at(study, scans))] == ["fiducials.json"]
     (study / "fiducials.json").unlink()

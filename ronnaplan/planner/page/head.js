@@ -42,24 +42,24 @@
     else window.trame.state.set("news", `3-D still takes ${Math.round(Math.min(...timed))} ms a frame in this browser; the server draws it`);
   }
 
-  // Things by their keys, without those that are shown no longer; null where no answer came.
-  async function fetched(keys) {
+  // What an address answers, as it is read; null where no answer came, some time after that.
+  async function fetched(address, read) {
     try {
-      const answer = await fetch(`things/${keys}`);
-      return answer.ok ? await answer.json() : null;
-    } catch {
-      return null;
-    }
+      const answer = await fetch(address);
+      if (answer.ok) return await read(answer);
+    } catch {} // asked again, as after an answer that is none
+    await new Promise((resolve) => setTimeout(resolve, ASK_AGAIN_MS));
+    return null;
   }
   async function load(canvas, listed) {
     if (!viewer) return;
     const turn = ++loading, lacking = listed.map((one) => one.key).filter((key) => !things.has(key));
     while (lacking.length) {
-      const come = await fetched(lacking.slice(0, AT_ONCE));
+      // by their keys, without those that are shown no longer
+      const come = await fetched(`things/${lacking.slice(0, AT_ONCE)}`, (answer) => answer.json());
       if (!viewer) return;
       for (const [key, one] of Object.entries(come ?? {})) if (!things.has(key)) things.set(key, viewer.load(one));
       if (come) lacking.splice(0, AT_ONCE);
-      else await new Promise((resolve) => setTimeout(resolve, ASK_AGAIN_MS));
       if (turn !== loading) return;
     }
     const keys = new Set(listed.map((one) => one.key));
@@ -88,7 +88,15 @@
   const COARSEST = 0.25, QUICK_MS = 60, REST_MS = 250, LONGEST_MS = 2500;
   const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
   let coarse = 1, finest = 1, resting = 0, quick = false; // quick: the scan was timed, and is drawn soon enough
+  let coming = null, wished = 0; // the scan is sent once, and shown only where it is still what is asked for when it comes
+  async function voxels() {
+    let values = null;
+    while (viewer && !values) values = await fetched("volume", (answer) => answer.arrayBuffer());
+    coming = null;
+    return values;
+  }
   async function whole(told) {
+    const turn = ++wished;
     if (!viewer) return;
     if (!told?.table) {
       viewer.whole = null;
@@ -97,9 +105,10 @@
     const drawn = (viewer.volume ??= window.ronnaplanVolume(viewer));
     drawn.paint(bytes(told.table), told.least);
     if (!drawn.ready) {
-      const answer = await fetch("volume");
-      if (!answer.ok || !viewer) return;
-      drawn.load(new Uint8Array(await answer.arrayBuffer()), told);
+      const values = await (coming ??= voxels());
+      if (!viewer) return;
+      if (!drawn.ready) drawn.load(new Uint8Array(values), told);
+      if (turn !== wished) return;
     }
     viewer.whole = drawn;
     if (!quick && viewer.eye && !(quick = measured())) return window.trame.trigger("volume_is_slow");

@@ -51,8 +51,8 @@ window.ronnaplanViewer = (canvas) => {
     precision highp float;
     uniform sampler2D picture; uniform vec4 corner; uniform vec3 way, across; in vec2 at; in vec3 world; out vec4 shade;
     void main() {
-      // only the faces of the part that was taken away
-      if (any(lessThan((world - corner.xyz) * way + across * 1e6, vec3(-0.01)))) discard;
+      // only the faces of the part that was taken away, a little over their edges: by rounding a pixel was on neither of two
+      if (any(lessThan((world - corner.xyz) * way + across * 1e6, vec3(-0.1)))) discard;
       float grey = texture(picture, at).r;
       if (grey < 0.03) discard; // the air about the head
       shade = vec4(vec3(grey), 1.0);
