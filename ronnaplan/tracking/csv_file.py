@@ -26,6 +26,7 @@ from ronnaplan.tracking.cells import (
     stated_status,
     unescaped,
 )
+from ronnaplan.tracking.columns import POINT_NAMES, SYSTEM_COLUMNS, TOOL_NAMES
 from ronnaplan.tracking.matrix_csv import lacking
 from ronnaplan.tracking.recording import (
     OK,
@@ -36,14 +37,7 @@ from ronnaplan.tracking.recording import (
     ToolReading,
     quaternion_pose,
 )
-from ronnaplan.tracking.tables import (
-    POINT_NAMES,
-    SYSTEM_COLUMNS,
-    TOOL_NAMES,
-    passed_over,
-    read_rows,
-    require_table,
-)
+from ronnaplan.tracking.tables import passed_over, read_rows, require_table
 
 KINDS = ("point", "tool")
 NOT_STATED = MISSING - {"nan"}

@@ -59,11 +59,52 @@ def test_a_decimal_comma_in_quotes_is_named(tmp_path: Path) -> None:
     }
 
 
-@pytest.mark.parametrize("unit", ["mm", "[mm]", "Millimeters"])
+@pytest.mark.parametrize("unit", ["mm", "[mm]", "Millimeters", "millimètres", "milímetros"])
 def test_a_row_of_units_is_no_reading(tmp_path: Path, unit: str) -> None:
     table = f"label,x (millimetres),y,z\n,{unit},{unit},{unit}\nA,1,2,3\nB,mm,mm,mm\n"
     read = read_recording(written(tmp_path, "r.csv", table))
     assert [(point.label, point.usable) for point in read.points] == [("A", True), ("B", False)]
+
+
+def test_words_for_what_was_not_seen_are_no_units(tmp_path: Path) -> None:
+    """Also in the first frame: they stand further below, too, and numbers beside them are none of a row of units."""
+    table = "label,x,y,z\nA,hidden,hidden,hidden\nB,1,2,3\nA,hidden,hidden,hidden\n"
+    read = read_recording(written(tmp_path, "r.csv", table))
+    assert [point.usable for point in read.points] == [False, True, False]
+    read = read_recording(written(tmp_path, "s.csv", "label,x,y,z\nA,hidden,2,3\nB,1,2,3\n"))
+    assert [point.usable for point in read.points] == [False, True]
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        "A;-1.294;187;35\nB;12;-1.500;8\n",
+        "A;-1,294;187;35\nB;12;-1,500;8\n",
+        "A;0;0;0\nB;999;-1.294;2.048\n",
+    ],
+)
+def test_whole_millimetres_with_signs_between_thousands_are_refused(tmp_path: Path, rows: str) -> None:
+    """What is 1.3 m away was read as 1.3 mm away."""
+    with pytest.raises(
+        InputError, match=r"coordinates -1[.,]294 and (12|999), so that the first may be -1294; exp"
+    ):
+        read_recording(written(tmp_path, "r.csv", f"label;x;y;z\n{rows}"))
+
+
+@pytest.mark.parametrize(
+    ("rows", "first"),
+    [
+        ("A;-1.294;187.000;35.125;1\nB;12.250;-1.500;8.125;1\n", -1.294),
+        ("A;-1,294;187;35;1\nB;12,5;-1,500;8;1\n", -1.294),
+        ("A;-1.294;187;35;1\nB;12;-0.500;8;1\n", -1.294),
+        ("A;-1.294;187;1665;1\n", -1.294),
+        ("A;1.294;0;0;1\n", 1.294),
+    ],
+)
+def test_decimals_that_cannot_separate_thousands_are_read(tmp_path: Path, rows: str, first: float) -> None:
+    """Whole numbers beside these, as of an error that is stated as 1, a zero or 1665, tell nothing of thousands."""
+    read = read_recording(written(tmp_path, "r.csv", f"label;x;y;z;sigma\n{rows}"))
+    assert read.points[0].position_mm[0] == first
 
 
 @pytest.mark.parametrize(
@@ -113,9 +154,13 @@ def test_a_first_line_that_tells_a_spreadsheet_the_delimiter_is_heard(tmp_path: 
         ("name x y z\nF 1 1.5 2.5 3.5\n", "separates its columns by blanks"),
         ("x,y,z,unit\n1,2,3,mm\n1,2,3,m\n", "row 2 below the header says its unit is 'm'"),
         ("x,y,z,Units\n1,2,3,inch\n", "unit is 'inch'"),
-        ("frame,x,y,z\n,m,m,m\n1,0.1,0.2,0.3\n", r"column 'x \[m\]'; expected it in mm"),
-        ("time,x,y,z\nms,mm,mm,mm\n500,1,2,3\n", r"column 'time \[ms\]'; expected it in s"),
-        ("x,y,z\n[µm],[µm],[µm]\n1,2,3\n", r"column 'x \[µm\]'; expected it in mm"),
+        ("frame,x,y,z\n,m,m,m\n1,0.1,0.2,0.3\n", "says 'm' right below its column x, .*; expected mm"),
+        ("time,x,y,z\nms,mm,mm,mm\n500,1,2,3\n", "says 'ms' right below its column time, .*; expected s"),
+        ("x,y,z\n[µm],[µm],[µm]\n1,2,3\n", r"says '\[µm\]' right below its column x, .*; expected mm"),
+        ("name;x;y;z\n;Zoll;Zoll;Zoll\nA;1,5;2,5;3\n", "says 'Zoll' right below its column x, .*; expected mm"),
+        ("name;x;y;z\n;tommer;tommer;tommer\nA;1,5;2,5;3\n", "says 'tommer' right below .* or delete that row"),
+        ("name;x;y;z;Einheit\nA;1,5;2,5;3;Zoll\n", r"unit is 'Zoll' \(column 'einheit'\); expected mm"),
+        ("name;x;y;z;unité\nA;1,5;2,5;3;mètres\n", "unit is 'mètres'"),
         (
             "frame,m0_x,m0_y,m0_z\n1,2,3,4\n",
             r"but no x, y, z; expected a first line with x, y, z \(mm\) or m00 to m33, and one reading in each row",
