@@ -36,9 +36,12 @@ TUBE_VOLTAGES: Final = "tube voltages"
 
 PASSES: Final[dict[str, Callable[[SliceImage], str]]] = {
     "acquisitions": lambda image: image.acquisition,
+    "cardiac phases": lambda image: image.phase,
     "kernels": lambda image: image.kernel,
     "image types": lambda image: "\\".join(image.image_type),
     TUBE_VOLTAGES: lambda image: "" if image.tube_voltage_kv is None else f"{image.tube_voltage_kv:.0f} kV",
+    "series numbers": lambda image: image.instance.series_number,
+    "descriptions": lambda image: image.instance.description,
 }
 """What images of one place are divided by, in this order, by what it is called."""
 

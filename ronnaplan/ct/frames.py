@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import re
+import struct
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final, Literal
@@ -183,6 +184,7 @@ def _image(instance: Instance, pixels: PixelFormat, frame: int, facts: Elements)
         thickness_mm=number_or_none(facts, tags.SLICE_THICKNESS),
         kernel=text(facts, tags.CONVOLUTION_KERNEL) or text(facts, tags.RECONSTRUCTION_ALGORITHM),
         acquisition=_acquisition(facts, "big" if instance.is_big_endian else "little"),
+        phase=_phase(facts, instance.is_big_endian),
         image_type=image_type,
         technique=technique,
         tube_voltage_kv=number_or_none(facts, tags.KVP),
@@ -200,6 +202,12 @@ def _acquisition(facts: Elements, order: Literal["big", "little"]) -> str:
     numbers = text(facts, tags.ACQUISITION_NUMBER), counted(tags.FRAME_ACQUISITION_NUMBER)
     times = text(facts, tags.TEMPORAL_POSITION_IDENTIFIER), counted(tags.TEMPORAL_POSITION_INDEX)
     return " ".join([*filter(None, numbers), *(f"time {one}" for one in times if one)])
+
+
+def _phase(facts: Elements, big: bool) -> str:
+    """Return which part of the heart's cycle an image shows, in percent, as it is told; empty where it is not."""
+    raw = facts.get(tags.NOMINAL_PERCENTAGE_OF_CARDIAC_PHASE, b"")
+    return f"{struct.unpack('>f' if big else '<f', raw)[0]:g} %" if len(raw) == struct.calcsize("f") else ""
 
 
 _MOMENT: Final = re.compile(r"(\d{8})?(\d\d)(\d\d)(\d\d(?:\.\d{1,6})?)")

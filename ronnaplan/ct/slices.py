@@ -107,6 +107,11 @@ class Instance:
         return tuple(self._written(tag) for tag in _PATIENT)
 
     @property
+    def series_number(self) -> str:
+        """The number that a person knows the series by."""
+        return text(self.elements, tags.SERIES_NUMBER)
+
+    @property
     def patient_position(self) -> bytes:
         """How the patient lay, as it is written."""
         return self._written(tags.PATIENT_POSITION)
@@ -141,6 +146,7 @@ class SliceImage:
     thickness_mm: float | None
     kernel: str
     acquisition: str
+    phase: str = ""
     image_type: tuple[str, ...] = ()
     technique: str = ""
     tube_voltage_kv: float | None = None

@@ -185,8 +185,8 @@ def _one_stack(
         pair = f"{slices[nearest].name} and {slices[nearest + 1].name}"
         return Stack(
             slices,
-            problem=f"different images lie at the same place ({pair}), which no acquisition, kernel, image type or "
-            "tube voltage tells apart; put the files of each scan into a folder of its own",
+            problem=f"different images lie at the same place ({pair}), and not one of {', '.join(PASSES)} tells them "
+            "apart; put the files of each scan into a folder of its own",
         )
     if np.median(gaps) > LARGEST_GAP_MM:
         return Stack(

@@ -242,6 +242,43 @@ def test_two_acquisitions_of_one_place_are_offered_apart(told_by: str, told: str
     assert {volume.source.series_instance_uid for volume in volumes} == {"1.2.3.2"}
 
 
+@pytest.mark.parametrize(
+    ("told_by", "values", "told"),
+    [
+        ("NominalPercentageOfCardiacPhase", (40.0, 75.0), ("cardiac phase 40 %", "cardiac phase 75 %")),
+        ("SeriesNumber", (4, 5), ("series number 4", "series number 5")),
+        ("SeriesDescription", ("bone", "soft"), ("description bone", "description soft")),
+    ],
+)
+def test_two_scans_between_each_others_slices_are_offered_apart(
+    told_by: str, values: tuple[object, object], told: tuple[str, str], tmp_path: Path
+) -> None:
+    """As of a heart at two times, or where taking names away gave two series one UID: they were read as one volume."""
+    for name, value, start_mm in zip("ab", values, (0.0, 0.7), strict=True):
+
+        def change(made: Dataset, k: int, value: object = value, start_mm: float = start_mm) -> None:
+            made.ImagePositionPatient = [0, 0, start_mm + 2 * k]
+            setattr(made, told_by, value)
+
+        write_series(tmp_path, change=change, prefix=name)
+    found = find_series(tmp_path).usable
+    assert [series.part for series in found] == [(told[0],), (told[1],)]
+    places = [read_ct(tmp_path, series.key).grid.slice_positions_mm for series in found]
+    np.testing.assert_allclose(np.stack(places), np.array([[0.0, 2.0, 4.0, 6.0], [0.7, 2.7, 4.7, 6.7]]))
+
+
+@pytest.mark.parametrize("syntax", [ExplicitVRLittleEndian, ExplicitVRBigEndian])
+def test_frames_of_two_cardiac_phases_are_offered_apart(syntax: str, tmp_path: Path) -> None:
+    def change(groups: Dataset, k: int) -> None:
+        groups.PlanePositionSequence[0].ImagePositionPatient = [0, 0, k % 4 + 0.3 * (k // 4)]
+        groups.CardiacSynchronizationSequence = [Dataset()]
+        groups.CardiacSynchronizationSequence[0].NominalPercentageOfCardiacPhase = (40.0, 75.0)[k // 4]
+
+    save(enhanced(8, change), tmp_path / "twice", syntax)
+    with pytest.raises(InputError, match=r"#1 .*, cardiac phase 40 %\).*#2 .*, cardiac phase 75 %\)"):
+        read_ct(tmp_path)
+
+
 @pytest.mark.parametrize("syntax", [ExplicitVRLittleEndian, ExplicitVRBigEndian])
 @pytest.mark.parametrize(("told_by", "told"), [("FrameAcquisitionNumber", ""), ("TemporalPositionIndex", "time ")])
 def test_frames_of_one_place_are_offered_by_numbers_that_can_be_read(
