@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
-from typing import Annotated, ClassVar, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Self, TypeVar
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from ronnaplan.documents.fields import DocumentModel, Label, Line, PositiveMm, told_by_reader
 from ronnaplan.localization import Build
@@ -16,6 +16,16 @@ def _build(text: str) -> str:
     with told_by_reader():
         Build.parse(text)
     return text
+
+
+def _diameters(given: Any) -> Any:
+    """Refuse several whole numbers, as the command line does: a comma between them may be a decimal one."""
+    if isinstance(given, list) and len(given) > 1 and all(type(one) is int for one in given):
+        raise ValueError(
+            f"{given} may be {given[0]}.{given[1]} mm or {len(given)} diameters; write a point, or for several "
+            f"{[float(one) for one in given]}"
+        )
+    return tuple(given) if isinstance(given, list) else given  # strict validation takes no list that it did not parse
 
 
 class ScanRule(DocumentModel):
@@ -29,7 +39,7 @@ class ScanRule(DocumentModel):
     description: Line = "*"
     protocol: Line = "*"
     modality: Line = "CT"
-    diameters: tuple[PositiveMm, ...] = ()
+    diameters: Annotated[tuple[PositiveMm, ...], BeforeValidator(_diameters)] = ()
     """Of the markers in mm; none: found by itself, all of one size."""
     marker: Annotated[Line, AfterValidator(_build)] = "solid"
     expected: Annotated[int, Field(ge=1, le=1000)] | None = None

@@ -71,6 +71,7 @@ def test_a_rule_is_never_reached_only_if_an_earlier_one_fits_all_that_it_does(
         ("[[rule]]\nname = 'x'\nexpected = true", "expected"),
         ("nonsense", "no|Expected|invalid"),
         ("home = '/'", "home: no field"),
+        ("[[rule]]\nname = 'x'\ndiameters = [11,5]", r"\[11, 5\] may be 11.5 mm or 2 .* several \[11.0, 5.0\]"),
     ],
 )
 def test_what_is_no_rule_is_refused_by_name(tmp_path: Path, text: str, reason: str) -> None:

@@ -9,6 +9,7 @@ import pytest
 from ronnaplan.cli import main
 from ronnaplan.errors import InputError
 from ronnaplan.node.config import read_config
+from ronnaplan.node.work import Order
 
 
 def test_the_example_is_a_configuration_that_listens_on_this_machine_only(tmp_path: Path) -> None:
@@ -50,6 +51,7 @@ def test_the_example_is_a_configuration_that_listens_on_this_machine_only(tmp_pa
         ("[[peer]]\nname = 'a'\nhost = ' '", r"\(peer.0.host: "),
         ("folder = ''", r"\(folder: "),
         ("audit = ''", r"\(audit: "),
+        ("[[rule]]\nname = 'a'\ndiameters = [11,5]", r"rule.0.diameters: \[11, 5\] may be 11.5 mm or 2 diameters"),
         ("port = ", "not a node's configuration"),
     ],
 )
@@ -58,6 +60,13 @@ def test_what_a_configuration_cannot_say_is_refused_by_name(text: str, says: str
     path.write_text(text)
     with pytest.raises(InputError, match=says):
         read_config(path)
+
+
+def test_several_whole_diameters_are_several_where_each_has_a_point(tmp_path: Path) -> None:
+    (tmp_path / "node.toml").write_text("[[rule]]\nname = 'a'\ndiameters = [11.0, 5.0]\n")
+    (rule,) = read_config(tmp_path / "node.toml").rule
+    order = Order(1, tmp_path, 3, tmp_path, tmp_path, rule, ())
+    assert Order.parse(order.text).rule.diameters == rule.diameters == (11.0, 5.0)
 
 
 def test_a_page_port_that_is_left_out_is_none(tmp_path: Path) -> None:
