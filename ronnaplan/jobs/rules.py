@@ -25,7 +25,8 @@ def _diameters(given: Any) -> Any:
             f"{given} may be {given[0]}.{given[1]} mm or {len(given)} diameters; write a point, or for several "
             f"{[float(one) for one in given]}"
         )
-    return tuple(given) if isinstance(given, list) else given  # strict validation takes no list that it did not parse
+    # strict validation takes no list that it did not parse itself
+    return tuple(given) if isinstance(given, list) else given
 
 
 class ScanRule(DocumentModel):

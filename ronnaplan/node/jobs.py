@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -56,6 +56,8 @@ class Worker:
     job: JobRow | None = None
     last: float = 0.0
     fault: str = ""
+    left_out: list[str] = field(default_factory=list)
+    """Which answers of its job cannot be made, and why."""
 
 
 class Foreman:
@@ -204,6 +206,7 @@ class Foreman:
         elif told["event"] == "answer":
             self._answer(worker.job, told, now)
         elif told["event"] == "left out":
+            worker.left_out.append(f"no {told['answer']}: {told['reason']}")
             self._log.tell("answer left out", job=worker.job.id, answer=told["answer"], reason=told["reason"])
         elif told["event"] == "left empty":
             self._log.tell("left empty", job=worker.job.id, reason=told["reason"])
@@ -214,7 +217,8 @@ class Foreman:
         if told["state"] == BROKEN:
             self._broken(job, told["reason"], now, passes=told.get("passes", False))
         else:
-            self._end(job, DONE if told["state"] == DONE else REFUSED, told["reason"], now)
+            reason = "; ".join([told["reason"], *self._workers[number].left_out])
+            self._end(job, DONE if told["state"] == DONE else REFUSED, reason, now)
         self._dismiss(number)
 
     def _answer(self, job: JobRow, told: dict[str, Any], now: float) -> None:

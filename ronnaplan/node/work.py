@@ -155,7 +155,7 @@ def _gather(
     if "pdf" in wanted:
         with _left_out(order, "pdf", tell):
             makers["pdf"] = partial(_report, drafted(Case(volume=volume, fiducials=document)), found)
-    return counted(len(fiducials), "marker"), makers
+    return "; ".join([counted(len(fiducials), "marker"), *volume.flags]), makers
 
 
 def _papers(order: Order) -> dict[str, Path]:
@@ -200,13 +200,13 @@ def _left_out(order: Order, kind: str, tell: Tell) -> Iterator[None]:
 
 def _find(order: Order, scratch: Scratch) -> tuple[CTVolume, Fiducials]:
     """Return the scan and its markers; raises `RonnaplanError` where there are none, or another number."""
-    from ronnaplan.ct import read_ct
     from ronnaplan.documents.template import read_template
     from ronnaplan.jobs.localizing import find_markers
     from ronnaplan.localization.localizer import require_count
+    from ronnaplan.node.received import read_received
 
     rule = order.rule
-    volume = read_ct(order.folder, scratch=scratch)
+    volume = read_received(order.folder, scratch)
     template = None if rule.template is None else read_template(order.home / rule.template)
     found = find_markers(volume, rule, template)
     require_count(found, rule.expected)

@@ -40,6 +40,7 @@ def obey(line: str) -> None:
             (order.output / name).write_bytes(b"x")
         path = str(order.output / "x.dcm")
         tell(event="left empty", job=order.job, reason="no birth date")
+        tell(event="left out", job=order.job, answer="pdf", reason="no browser")
         tell(event="answer", job=order.job, kind="sr", sop_uid="1.9", sop_class="1.2", path=path)
         tell(event="ended", job=order.job, state="done", reason="6 markers")
 

@@ -107,6 +107,7 @@ def test_no_job_keeps_another_one_waiting_and_each_ends_as_it_should(index: Inde
     assert "took longer than 2 s" in reasons["1.4.1"]
     assert "ended with status 7" in reasons["1.4.2"]
     assert reasons["1.4.4"] == "no marker"
+    assert reasons["1.4.0"] == "6 markers; no pdf: no browser"
     assert index.rows("SELECT kind, receiver, state FROM answers JOIN deliveries ON answer = sop_uid") == [
         ("sr", "pacs", "waiting")
     ]

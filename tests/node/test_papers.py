@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from pydicom import dcmread
 
-from ronnaplan.ct import read_ct
+from ronnaplan.ct import VolumeFlag, read_ct
 from ronnaplan.documents.plan import write_plan
 from ronnaplan.errors import RefusedError
 from ronnaplan.jobs.localizing import warm_up
@@ -132,7 +132,8 @@ def test_a_birth_date_that_is_none_keeps_no_answer_back_and_is_told_without_its_
         made = dcmread(path)
         made.PatientBirthDate = "1970.01.31"
         made.save_as(path)
-    volume, found = read_ct(order.folder), warm_up()[1]
+    volume = dataclasses.replace(read_ct(order.folder), flags=(VolumeFlag.MISSING_SLICE,))
+    found = warm_up()[1]
     monkeypatch.setattr(work, "_find", lambda *_: (volume, dataclasses.replace(found, source=volume.source)))
     rule = Rule(name="r", answers=("fiducials", "sr"))
     lines = told(dataclasses.replace(order, rule=rule, have=()))
@@ -141,6 +142,7 @@ def test_a_birth_date_that_is_none_keeps_no_answer_back_and_is_told_without_its_
     (empty,) = (line["reason"] for line in lines if line["event"] == "left empty")
     assert "PatientBirthDate is none that DICOM knows, and is left empty" in empty
     assert "1970" not in empty
+    assert lines[-1]["reason"] == "1 marker; one or more slices are missing"  # which the status page shows
     later = told(order)  # of registration and plan
     assert [line["event"] for line in later] == ["left empty", "answer", "left empty", "answer", "ended"]
     assert {line["reason"] for line in later if line["event"] == "left empty"} == {empty}

@@ -1,0 +1,47 @@
+"""Why a received series is no scan: in words that stand on the status page, beside its description and UID."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from pydicom.dataset import Dataset
+
+from ronnaplan.ct.scratch import Scratch
+from ronnaplan.errors import InputError
+from ronnaplan.node.received import read_received
+from tests.ct.makers import Change, write_series
+
+
+def bare(made: Dataset, k: int) -> None:
+    del made.RescaleSlope
+
+
+def cut(made: Dataset, k: int) -> None:
+    if k == 1:
+        made.PixelData = made.PixelData[:-20]
+
+
+def of_two_scans(made: Dataset, k: int) -> None:
+    made.AcquisitionNumber = 1 + k // 4
+    made.ImagePositionPatient = [0, 0, k % 4 + 0.3 * (k // 4)]
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (
+            bare,
+            "8 of 8 files: it has no rescale slope and intercept, so its values are not Hounsfield units",
+        ),
+        (cut, "1 of 8 files (001): it declares 160 bytes of pixels but holds 140"),
+        (of_two_scans, "it holds 2 scans of different acquisitions; send each as a series of its own"),
+    ],
+)
+def test_why_a_series_is_no_scan_is_told_without_its_folder_and_uid(
+    tmp_path: Path, change: Change, reason: str
+) -> None:
+    folder = write_series(tmp_path / "1.2.3.1" / "1.2.3.2", 8, change)
+    with Scratch(tmp_path) as scratch, pytest.raises(InputError) as refusal:
+        read_received(folder, scratch)
+    assert str(refusal.value) == reason
