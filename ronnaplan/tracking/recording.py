@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from enum import Enum
+from typing import TypeVar
 
 import numpy as np
 
@@ -89,6 +90,14 @@ class ToolReading:
     def usable(self) -> bool:
         """Whether the source calls the pose good and there is one."""
         return self.status == OK and self.matrix is not None
+
+
+Reading = TypeVar("Reading", PointReading, ToolReading)
+
+
+def flagged(readings: Sequence[Reading], status: str) -> list[Reading]:
+    """Return ``readings`` with those that were usable flagged by ``status``."""
+    return [replace(one, status=status) if one.usable else one for one in readings]
 
 
 @dataclass(frozen=True)

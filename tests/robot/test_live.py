@@ -291,6 +291,26 @@ def test_a_tool_that_is_repeated_under_new_times_is_not_seen(
     assert (told[0], told[-1]) == ("valid", "unseen")
 
 
+def test_no_pose_is_valid_once_the_stream_falls_behind(
+    room: LiveRoom, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A slow sender's queue grows: what it tells is over by more and more, and the head may have moved since."""
+    monkeypatch.setattr(openigtlink, "SILENCE_S", 0.4)
+
+    def send(listener: socket.socket) -> None:
+        connection, _ = listener.accept()
+        with connection:
+            for frame in range(40):
+                for message in room.messages(1e9 + frame / RATE_HZ):
+                    connection.sendall(message)
+                time.sleep(0.0 if frame < 20 else 2.5 / RATE_HZ)
+
+    _, out = watched(room, tmp_path, send, "--every=0.1", "--seconds=30")
+    rows = [json.loads(line) for line in out.read_text().splitlines()]
+    assert statuses(out) == ["valid", "unseen"]
+    assert "readings say 'late: it took longer" in rows[-2]["why"]
+
+
 @pytest.mark.parametrize(
     ("named", "told", "why"),
     [

@@ -223,6 +223,24 @@ def test_what_is_watched_is_frozen_while_its_places_stay_to_the_last_digit(times
     assert frozen == [{True}, {False}, {False}]
 
 
+@pytest.mark.parametrize(
+    ("rate", "seconds", "resting", "counting"),
+    [(0.5, range(10), ("Robot",), 5), (0.5, range(10), None, 10), (0.9995, range(0, 36_000, 600), ("Robot",), 60)],
+)
+def test_what_is_watched_counts_no_longer_once_its_stream_falls_behind(
+    rate: float, seconds: range, resting: tuple[str, ...] | None, counting: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What waited in a slow sender's queue was told as of now. One clock may be a little slower than another."""
+    stream, counted = Stream(2.0, resting), []
+    for second in seconds:
+        monkeypatch.setattr(igtl_messages.time, "monotonic", lambda now=50.0 + second: now)
+        time_s = 1e9 + rate * second
+        stream.feed(points(np.asarray(POINTS) + 1e-3 * second, time_s=time_s) + pose_of_robot(time_s))
+        taken, robots = stream.taken()
+        counted.append({one.usable for one in (*taken, *robots)})
+    assert counted == [{True}] * counting + [{False}] * (len(seconds) - counting)
+
+
 def test_a_moment_that_had_only_begun_when_the_time_was_up_is_left_out() -> None:
     frames = [points(time_s=1e9 + 0.05 * frame) for frame in range(3)]
     with server(frames) as port:
