@@ -233,11 +233,11 @@ def test_what_is_watched_counts_no_longer_once_its_stream_falls_behind(
     """What waited in a slow sender's queue was told as of now. One clock may be a little slower than another."""
     stream, counted = Stream(2.0, resting), []
     for second in seconds:
-        monkeypatch.setattr(igtl_messages.time, "monotonic", lambda now=50.0 + second: now)
+        monkeypatch.setattr(time, "monotonic", lambda now=50.0 + second: now)
         time_s = 1e9 + rate * second
         stream.feed(points(np.asarray(POINTS) + 1e-3 * second, time_s=time_s) + pose_of_robot(time_s))
         taken, robots = stream.taken()
-        counted.append({one.usable for one in (*taken, *robots)})
+        counted.append({one.usable for one in taken} | {one.usable for one in robots})
     assert counted == [{True}] * counting + [{False}] * (len(seconds) - counting)
 
 
