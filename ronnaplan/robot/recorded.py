@@ -44,7 +44,10 @@ def tool_poses(recording: Recording, tool: str | None = None) -> dict[int, Float
         if reading.tool != name or not reading.usable or reading.matrix is None:
             continue
         if reading.frame in found:
-            raise InputError(f"{recording.source} has two poses of {told} in frame {reading.frame}; expected one")
+            raise InputError(
+                f"{recording.source} has two poses of {told} in frame {reading.frame}; expected one, so give each "
+                "moment a number of its own (a tracker that was started again counts anew), and each pose once"
+            )
         found[reading.frame] = reading.matrix
     if not found:
         said = Counter(reading.status for reading in recording.tools if reading.tool == name).most_common(1)[0][0]

@@ -74,7 +74,7 @@ def test_a_tool_that_is_not_told_is_not_guessed() -> None:
     assert list(tool_poses(two, "b")) == [0]
     with pytest.raises(InputError, match="no tool 'c'"):
         tool_poses(two, "c")
-    with pytest.raises(InputError, match="two poses of a in frame 0"):
+    with pytest.raises(InputError, match="two poses of a in frame 0; expected one, so give each moment a number"):
         tool_poses(recording((0, "a", placed(0)), (0, "a", placed(1))))
     missing = Recording("r", tools=(ToolReading(0, "", None, status="missing"),))
     with pytest.raises(
