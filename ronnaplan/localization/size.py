@@ -204,8 +204,9 @@ def _undecided(
 ) -> list[int]:
     """Return which of the ``places`` have to be fitted next to know the commonest kind, or that of ``expected`` balls.
 
-    First the roundest, then all of a kind that is common enough to be it; of others as many as may not be balls before
-    it is sure that they are too few. Where no kind is common enough all are fitted, to be proposed.
+    First the roundest, then all of a kind that is common enough to be it; of others the least round, which come to
+    nothing soonest, as many as may not be balls before it is sure that they are too few. Where no kind is common enough
+    all are fitted, to be proposed.
     """
     if any(one.failures and one.failed <= OF_THE_PROFILE for one in fitted.values()):
         return _left(places, fitted)  # these may be balls, if all of the scan are such
@@ -220,7 +221,7 @@ def _undecided(
         if len(kind) - len(left) >= enough or (not fitted and len(kind) >= enough):
             common += left
         else:
-            others += left[: max(len(kind) - enough + 1, 0)]
+            others += left[::-1][: max(len(kind) - enough + 1, 0)]
     if not fitted and common:
         return sorted(common)[:FIRST_FITTED]
     return sorted(common or others) or ([] if most >= MIN_MARKERS else _left(places, fitted))

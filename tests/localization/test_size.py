@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from phantoms.scene import Part, Scene
@@ -72,6 +73,22 @@ def test_what_cannot_change_the_commonest_size_is_not_fitted(monkeypatch: pytest
     expected_mm, fitted_mm = fitted_for(monkeypatch, volume, 4)
     assert expected_mm == pytest.approx(5.0, abs=0.03)
     assert fitted_mm.count(5.0) == 4
+
+
+def test_of_what_may_be_no_balls_the_least_round_are_fitted_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They come to nothing soonest; once fewer than the commonest are left, nobody needs to ask of the others."""
+    places = [(np.array(place), 9.0) for place in CROWD[:4]] + [(np.array(place), 5.0) for place in CROWD[4:16]]
+    tried: list[int] = []
+
+    def noted(scan: Scan, center_mm: FloatArray, diameter_mm: float, marker: Build) -> Examined:
+        tried.append(next(n for n, (place, _) in enumerate(places) if place is center_mm))
+        return fit(scan, center_mm, diameter_mm, marker)
+
+    fit = size._fitted
+    monkeypatch.setattr(size, "_fitted", noted)
+    monkeypatch.setattr(size, "round_places", lambda *_: places)
+    assert common_diameter(scan(balls(CROWD[:4], 9.0), small_stack())) == pytest.approx(9.0, abs=0.03)
+    assert sorted(tried) == [*range(size.FIRST_FITTED), *range(len(places) - 5, len(places))]
 
 
 @pytest.mark.parametrize("more", [3, 4])

@@ -67,13 +67,14 @@ def round_places(scan: Scan, coarse: CTVolume, marker: Build, progress: bool) ->
 
 def _copies(coarse: CTVolume, smallest_mm: float) -> list[tuple[CTVolume, list[float]]]:
     """Return copies that are ever coarser, and the diameters, from the smallest on, that are voted for in each."""
-    copies: list[tuple[CTVolume, list[float]]] = []
-    finest, diameter_mm = coarse, smallest_mm
+    copies: list[tuple[CTVolume, list[float]]] = [(coarse, [])]
+    diameter_mm = smallest_mm
     while diameter_mm < SEARCHED_MM[1]:
+        coarsest, sizes_mm = copies[-1]
         voxel_mm = coarse_voxel_mm(diameter_mm, COARSEST_SHARE)
-        if not copies or max(blocks(finest, voxel_mm)) > 1:
-            finest = coarsen(finest, voxel_mm)
-            copies.append((finest, []))
-        copies[-1][1].append(diameter_mm)
-        diameter_mm += STEP_CELLS * cell_mm(diameter_mm, finest.grid.pixel_mm)
-    return copies
+        if max(blocks(coarsest, voxel_mm)) > 1:
+            coarsest, sizes_mm = coarsen(coarsest, voxel_mm), []
+            copies.append((coarsest, sizes_mm))
+        sizes_mm.append(diameter_mm)
+        diameter_mm += STEP_CELLS * cell_mm(diameter_mm, coarsest.grid.pixel_mm)
+    return [(copy, sizes_mm) for copy, sizes_mm in copies if sizes_mm]

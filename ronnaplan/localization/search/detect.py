@@ -20,7 +20,7 @@ from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.search.coarse import averaged, blocks, coarse_grid, coarse_voxel_mm
-from ronnaplan.localization.search.votes import Ballot, Edges
+from ronnaplan.localization.search.votes import Ballot, Edges, find_marked, marks_for
 from ronnaplan.threads import in_parts
 
 MIN_CONTRAST_HU = 300.0
@@ -92,7 +92,8 @@ def _find_edges(
     """Return the edges of the slices ``first`` to ``end``."""
     _, rows, columns = voxels.shape
     per_u, per_v, least = 0.5 / steps[0], 0.5 / steps[1], threshold * threshold
-    squares = np.empty(columns, dtype=np.float32)
+    almost, is_steep = np.float32(ALMOST * least), marks_for(columns)
+    at = np.empty(len(is_steep), dtype=np.intp)
     edges, count = np.empty((6, rows * columns), dtype=np.float32), 0
     for k in range(first, end):
         slant = origins[k + 1] - origins[k - 1]
@@ -100,10 +101,8 @@ def _find_edges(
         for j in range(1, rows - 1):
             if count + columns > edges.shape[1]:
                 edges = _held(edges, count, 2 * edges.shape[1])
-            _square_gradients(voxels, k, j, per_u, per_v, per_w, slant_u, slant_v, squares)
-            for i in range(1, columns - 1):
-                if squares[i] < ALMOST * least:
-                    continue
+            _mark_steep(voxels, k, j, per_u, per_v, per_w, slant_u, slant_v, almost, is_steep[:columns])
+            for i in at[: find_marked(is_steep, at)]:
                 gu = per_u * (float(voxels[k, j, i + 1]) - float(voxels[k, j, i - 1]))
                 gv = per_v * (float(voxels[k, j + 1, i]) - float(voxels[k, j - 1, i]))
                 gw = per_w * (
@@ -132,7 +131,7 @@ def _held(edges: Edges, count: int, room: int) -> Edges:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
-def _square_gradients(
+def _mark_steep(
     voxels: NDArray[np.int16],
     k: int,
     j: int,
@@ -141,9 +140,10 @@ def _square_gradients(
     per_w: float,
     slant_u: float,
     slant_v: float,
-    squares: NDArray[np.float32],
+    least: np.float32,
+    is_steep: NDArray[np.bool_],
 ) -> None:
-    """Fill ``squares`` with the squared gradients of a row, many at once and nearly exactly."""
+    """Mark where in a row the squared gradient reaches the ``least``, many at once and nearly exactly."""
     row, above, below = voxels[k, j], voxels[k, j - 1], voxels[k, j + 1]
     before, behind = voxels[k - 1, j], voxels[k + 1, j]
     u, v, w = np.float32(per_u), np.float32(per_v), np.float32(per_w)
@@ -152,4 +152,4 @@ def _square_gradients(
         gu = u * (np.float32(row[i + 1]) - np.float32(row[i - 1]))
         gv = v * (np.float32(below[i]) - np.float32(above[i]))
         gw = w * ((np.float32(behind[i]) - np.float32(before[i])) - gu * su - gv * sv)
-        squares[i] = gu * gu + gv * gv + gw * gw
+        is_steep[i] = gu * gu + gv * gv + gw * gw >= least

@@ -31,8 +31,8 @@ LEAST_HELD = 0.05
 MARGIN_SHARE = 0.7
 """Where this share of the blur's reach is left behind, it is as dark as the surroundings."""
 
-GLANCE = 24
-"""So many directions tell that most places are nothing like a ball."""
+GLANCES = ((24, 0.5), (48, 0.75), (CELL_COUNT, 1.0))
+"""So many directions tell that most places are nothing like a ball, by less than such a part of what is wanted."""
 
 _SPREAD = np.arange(CELL_COUNT) * 37 % CELL_COUNT
 """An order of the directions in which the first ones look to all sides."""
@@ -49,7 +49,7 @@ def surface_shares(
     """Share (N,) of directions in which the image falls from a ball's level to its surroundings' at its surface.
 
     A fit at such a place of ``centers_mm`` (N, 3), where slices are ``thickness_mm`` (N,) thick, cannot cover more of
-    the surface. Where a first glance shows less than half of the ``least`` share that is wanted, it is left at that.
+    the surface. Where a glance shows far less than the ``least`` share that is wanted (`GLANCES`), it is left at that.
     """
     radius_mm = diameter_mm / 2.0
     directions = cell_directions()[_SPREAD] @ volume.grid.axes.T
@@ -62,9 +62,7 @@ def surface_shares(
 
     def fallen(first: int, end: int) -> FloatArray:
         some = slice(first, end)
-        return _fallen(
-            places_mm[some], thickness_mm[some], inner_mm, outer_mm, per_thickness, least / 2.0, *lookup
-        )
+        return _fallen(places_mm[some], thickness_mm[some], inner_mm, outer_mm, per_thickness, least, *lookup)
 
     return np.concatenate(in_parts(fallen, len(places_mm)))
 
@@ -180,22 +178,22 @@ def _fallen(
 ) -> FloatArray:
     """Share (N,) of directions in which it is bright at ``inner`` (M, 3) from each place and dark at ``outer``.
 
-    The latter lies farther out by ``per_thickness`` (M, 3) times the slices' ``thickness`` (N,). The first `GLANCE`
-    directions must show ``least``.
+    The latter lies farther out by ``per_thickness`` (M, 3) times the slices' ``thickness`` (N,). Each of the `GLANCES`
+    must show its part of the ``least``.
     """
     shares = np.zeros(len(places))
     count = len(inner)
     inside, outside, known, beyond = np.empty(count), np.empty(count), np.empty(count), np.empty((count, 3))
     for n in range(len(places)):
         first = 0
-        for end in (GLANCE, count):
+        for end, part in GLANCES:
             for m in range(first, end):
                 for a in range(3):
                     beyond[m, a] = outer[m, a] + thickness[n] * per_thickness[m, a]
             fill_nearest(places[n], inner[first:end], voxels, origins, steps, padding, inside[first:end])
             fill_nearest(places[n], beyond[first:end], voxels, origins, steps, padding, outside[first:end])
             shares[n] = _share(inside[:end], outside[:end], known)
-            if shares[n] < least:
+            if shares[n] < part * least:
                 break
             first = end
     return shares

@@ -74,6 +74,24 @@ class Ballot:
         return places_mm
 
 
+@njit(cache=True)
+def marks_for(count: int) -> NDArray[np.bool_]:
+    """Return so many marks, and up to seven more, of which none is set: `find_marked` asks eight of them at once."""
+    return np.zeros((count + 7) // 8 * 8, dtype=np.bool_)
+
+
+@njit(cache=True, nogil=True)
+def find_marked(marks: NDArray[np.bool_], at: NDArray[np.intp]) -> int:
+    """Fill ``at``, as long as the ``marks``, with the numbers of those few that are set; return how many they are."""
+    by_eight, count = marks.view(np.uint64), 0
+    for some in range(len(by_eight)):
+        if by_eight[some] != 0:
+            for n in range(8 * some, 8 * some + 8):
+                at[count] = n
+                count += marks[n]
+    return count
+
+
 @njit(cache=True, nogil=True)
 def _vote(edges: Edges, radius: float, corner: FloatArray, cell: float, votes: Votes) -> None:
     """Let each edge vote for what lies one ``radius`` up the image from it."""
@@ -110,7 +128,8 @@ def _gather_peaks(
     least = np.uint16(math.ceil(threshold))
     within = np.empty((3, height, width), dtype=np.uint16)  # of three layers, each at its number modulo 3
     sums, tops = np.empty_like(within), np.empty((3, height), dtype=np.uint16)
-    is_high = np.empty(width, dtype=np.bool_)
+    is_high = marks_for(width)
+    at = np.empty(len(is_high), dtype=np.intp)
     begin, past = max(first, 1), min(end, depth - 1)
     for ahead in range(begin - 2, past + 2):
         _sum_within(votes, ahead, within)
@@ -120,9 +139,9 @@ def _gather_peaks(
         for y in range(1, height - 1 if z >= begin else 0):
             if tops[z % 3, y] < least:
                 continue
-            _mark_high(sums, z, y, least, is_high)
-            for x in range(1, width - 1):
-                if is_high[x] and _is_peak(sums, z, y, x):
+            _mark_high(sums, z, y, least, is_high[:width])
+            for x in at[: find_marked(is_high, at)]:
+                if _is_peak(sums, z, y, x):
                     total = float(sums[z % 3, y, x])
                     places.append((z, y, x))
                     strengths.append(total)
@@ -175,9 +194,9 @@ def _sum_layers(votes: Votes, z: int, within: Sums, sums: Sums, tops: Sums) -> N
 
 @njit(cache=True, nogil=True)
 def _mark_high(sums: Sums, z: int, y: int, least: np.uint16, is_high: NDArray[np.bool_]) -> None:
-    """Mark in ``is_high`` (x,) the inner cells of a row that gather ``least``, and no less than the six nearest ones.
+    """Mark in ``is_high`` (x,) the inner cells of a row that gather ``least``, and most of the six nearest ones.
 
-    Many at once, before the few that are left are asked one by one.
+    Of equal ones the first. Many at once, before the few that are left are asked one by one.
     """
     last = len(is_high) - 1
     row, left, right = sums[z % 3, y, 1:last], sums[z % 3, y, : last - 1], sums[z % 3, y, 2:]
@@ -185,8 +204,8 @@ def _mark_high(sums: Sums, z: int, y: int, least: np.uint16, is_high: NDArray[np
     before, behind = sums[(z - 1) % 3, y, 1:last], sums[(z + 1) % 3, y, 1:last]
     inner = is_high[1:last]
     for x in range(len(inner)):
-        highest = max(max(left[x], right[x]), max(above[x], below[x]), max(before[x], behind[x]))
-        inner[x] = row[x] >= max(highest, least)
+        is_higher = row[x] > max(left[x], above[x], before[x])
+        inner[x] = is_higher & (row[x] >= max(right[x], below[x], behind[x], least))
 
 
 @njit(cache=True, nogil=True)

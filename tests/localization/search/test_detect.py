@@ -46,6 +46,18 @@ def test_all_edges_are_kept_where_every_voxel_is_one() -> None:
     np.testing.assert_array_equal(edges, [i, j, k, *[np.full(len(k), up) for up in (1, 0, 0)]])
 
 
+def test_edges_are_where_the_gradient_is_steep_and_nowhere_else() -> None:
+    seed, threshold = 20261128, 100.0
+    draws = np.random.default_rng(seed)
+    voxels_hu = (1000 * (draws.random((6, 9, 37)) < 0.05)).astype(np.int16)
+    rises = np.array(np.gradient(voxels_hu.astype(np.float64)))[:, 1:-1, 1:-1, 1:-1]
+    steep = np.argwhere(np.square(rises).sum(axis=0) >= threshold**2) + 1
+    assert 0 < len(steep) < 0.5 * rises[0].size, seed
+    origins_mm = np.arange(6.0)[:, np.newaxis] * [0.0, 0.0, 1.0]
+    edges = _find_edges(voxels_hu, origins_mm, np.ones(2), threshold, 1, 5)
+    np.testing.assert_array_equal(edges[:3], steep.T[::-1], err_msg=str(seed))
+
+
 def test_the_coarse_copy_keeps_every_voxel_at_its_place() -> None:
     volume = scan(balls([(3.2, -4.1, 1.7)]), small_stack(tilt_deg=15.0), noise_hu=0.0)
     coarse = coarsen(volume, 2.1)
