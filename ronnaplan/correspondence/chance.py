@@ -20,6 +20,10 @@ from ronnaplan.geometry import FloatArray
 ROUNDS = 4
 """Which points are outliers, and how dense these are, are told from each other so often."""
 
+BESIDE_SIGMAS, LEAST_CROWDED = 15.0, 2.0
+"""How many times as dense as about its neighbors outliers lie beside a marker is told from all markers, within this. It
+counts from twice on: chance, and the edges of a set, make fewer times."""
+
 LEAST_ODDS = 0.01
 """Points compete for partners with which they pair with larger odds than this: others change their probability by less
 than a hundredth each."""
@@ -28,11 +32,14 @@ than a hundredth each."""
 class Densities(NamedTuple):
     """How dense a set lies about each point: its nearest others (n, K), and the volume of the ball (n,) that they fill.
 
-    Twice the square root of their number: fewer know a density too poorly, more know it too far away.
+    Twice the square root of their number: fewer know a density too poorly, more know it too far away. ``beside``: how
+    many of them are within `BESIDE_SIGMAS`, and which volume that is.
     """
 
     near: IntArray
     volume_mm3: FloatArray
+    beside: IntArray
+    beside_mm3: FloatArray
 
     @classmethod
     def of(cls, points: FloatArray, sigma_mm: float) -> Densities:
@@ -40,7 +47,13 @@ class Densities(NamedTuple):
         count = min(2 * math.isqrt(len(points)) + 1, len(points))
         distance, index = map(np.asarray, cKDTree(points).query(points, count))
         radius = np.maximum(distance[:, -1], PAIR_SIGMAS * sigma_mm)
-        return cls(np.ascontiguousarray(index[:, 1:], np.int64), 4.0 / 3.0 * math.pi * radius**3)
+        close = np.minimum(radius, BESIDE_SIGMAS * sigma_mm)
+        return cls(
+            np.ascontiguousarray(index[:, 1:], np.int64),
+            4.0 / 3.0 * math.pi * radius**3,
+            (distance[:, 1:] <= close[:, None]).sum(axis=1),
+            4.0 / 3.0 * math.pi * close**3,
+        )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -56,6 +69,20 @@ def density(densities: Densities, share: FloatArray) -> FloatArray:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def crowding(densities: Densities, share: FloatArray, outliers: FloatArray) -> float:
+    """Return how many times as dense outliers lie beside markers as about these' neighbors; 1 below `LEAST_CROWDED`.
+
+    Points are markers with ``share`` (n,); ``outliers`` (n,) is how dense the outliers lie about each.
+    """
+    seen = expected = 1.0
+    for p in range(len(share)):
+        expected += share[p] * outliers[p] * densities.beside_mm3[p]
+        for a in range(densities.beside[p]):
+            seen += share[p] * (1.0 - share[densities.near[p, a]])
+    return seen / expected if seen > LEAST_CROWDED * expected else 1.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def odds_of_pairs(
     i: IntArray, j: IntArray, likelihood: FloatArray, partner: IntArray, ct: Densities, ots: Densities
 ) -> tuple[FloatArray, FloatArray]:
@@ -64,7 +91,8 @@ def odds_of_pairs(
     Markers of both sets, and the outliers of each, lie with densities of their own: the odds of a pair of the
     ``likelihood`` N(r; 0, c) (L,), at the distance r, are that times the density of the markers, over the product of
     the outliers' there.  The densities about each point are taken from its neighbours, which count as outliers with
-    what is left of their own probability; ``partner`` (n,) tells which pairs are made.
+    what is left of their own probability; where one set's outliers lie denser beside markers, see `crowding`, both may
+    meet there so much more often.  ``partner`` (n,) tells which pairs are made.
     """
     odds, of_ct, of_ots = likelihood.copy(), np.zeros(len(ct.near)), np.zeros(len(ots.near))
     for p in range(len(partner)):
@@ -72,9 +100,10 @@ def odds_of_pairs(
             of_ct[p] = of_ots[partner[p]] = 1.0
     for _ in range(ROUNDS):
         markers, only_ct, only_ots = density(ct, of_ct), density(ct, 1.0 - of_ct), density(ots, 1.0 - of_ots)
+        crowded = max(crowding(ct, of_ct, only_ct), crowding(ots, of_ots, only_ots))
         at_ct, at_ots = np.zeros(len(of_ct)), np.zeros(len(of_ots))
         for a in range(len(odds)):
-            odds[a] = likelihood[a] * markers[i[a]] / (only_ct[i[a]] * only_ots[j[a]])
+            odds[a] = likelihood[a] * markers[i[a]] / (crowded * only_ct[i[a]] * only_ots[j[a]])
             at_ct[i[a]] += odds[a]
             at_ots[j[a]] += odds[a]
         of_ct, of_ots = np.zeros(len(of_ct)), np.zeros(len(of_ots))

@@ -31,6 +31,25 @@ def test_outliers_beside_markers_make_no_body_the_larger() -> None:
     assert chance.pair_probabilities(np.eye(3, 4), partner)[:2].max() < 0.9
 
 
+def test_a_pair_is_less_sure_where_outliers_lie_beside_markers() -> None:
+    """One may stand for a marker that its set lacks. As many that lie anywhere among the markers hardly ever do.
+
+    They counted alike: by how many there are, not by where they lie.
+    """
+    rng = np.random.default_rng(5)
+    markers, anywhere = ball(rng, 24, 90.0), ball(rng, 8, 90.0)
+    read = markers + np.array([1.0, 0.5, 0.5])
+    partner = np.arange(len(markers))
+    errors = [ErrorModel(np.full(count, sigma**2), None) for count, sigma in ((24, SIGMA_CT), (32, SIGMA_OTS))]
+    doubts = []
+    for outliers in (anywhere, markers[:8] + 6.0 * anywhere / np.linalg.norm(anywhere, axis=1, keepdims=True)):
+        chance = Chance.of(
+            Problem(markers, np.vstack((read, outliers)), errors[0], errors[1], Told(), no_pairs(), 3e6, 60.0)
+        )
+        doubts.append(1.0 - chance.pair_probabilities(np.eye(3, 4), partner)[8:])
+    assert (doubts[1] > 3.0 * doubts[0]).all()
+
+
 def test_of_two_equal_bodies_none_is_the_larger_for_the_outliers_in_it() -> None:
     """The dense one was accepted at 0.998: outliers of both sets beside its markers counted as more of these."""
     ct, ots, _ = bodies(67, [30, 30], [18.0, 60.0], 30, 18.0)
