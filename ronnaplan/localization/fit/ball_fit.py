@@ -16,7 +16,7 @@ from ronnaplan.localization.fit.directions import Verdict
 from ronnaplan.localization.fit.guess import METAL_CONTRAST_HU
 from ronnaplan.localization.fit.model import has_streaks
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
-from ronnaplan.localization.fit.parameters import BACKGROUND, BLUR, CENTER, CONTRAST, RADIUS
+from ronnaplan.localization.fit.parameters import BACKGROUND, BLUR, CENTER, CONTRAST, RADIUS, SLOPES
 from ronnaplan.localization.fit.shading import PLATEAU_SHARE, Shading, shaded
 
 
@@ -90,9 +90,20 @@ class BallFit:
     @cached_property
     def center_by_radius(self) -> FloatArray:
         """How far the fit would move the center (3,) along u, v, w for each mm that the radius were held larger."""
-        covariance = _covariance(self.jacobian.take(np.flatnonzero(self.used), axis=0), self.prior)
-        by_radius: FloatArray = covariance[CENTER, RADIUS] / covariance[RADIUS, RADIUS]
+        by_radius: FloatArray = self._by_noise[CENTER, RADIUS] / self._by_noise[RADIUS, RADIUS]
         return by_radius
+
+    @cached_property
+    def center_by_slopes_mm(self) -> FloatArray:
+        """How far the fitted slope of the background keeps the center (3,) along u, v, w from being moved, mm."""
+        by_slopes = self._by_noise[CENTER, SLOPES] @ inverse(self._by_noise[SLOPES, SLOPES].copy())
+        moved_mm: FloatArray = by_slopes @ self.theta[SLOPES]
+        return moved_mm
+
+    @cached_property
+    def _by_noise(self) -> FloatArray:
+        """Covariance (P, P) of all parameters for noise of 1 HU."""
+        return _covariance(self.jacobian.take(np.flatnonzero(self.used), axis=0), self.prior)
 
     @cached_property
     def center_by_layer(self) -> FloatArray:

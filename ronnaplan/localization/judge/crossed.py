@@ -41,6 +41,9 @@ mm in thin slices are pulled by `CROSSED_PULL_MM` by it."""
 STILL_CROSSED = 0.4
 """So much of a pull that is made good is stated as error: so much of it is left at the root mean square."""
 
+AROUND = 48
+"""Metal beside a ball is looked for in so many directions within its slices."""
+
 PRIOR: Final = CROSSED_PULL_MM**2 * np.eye(3)
 
 
@@ -93,6 +96,14 @@ def untold_mm2(volume: CTVolume, fit: BallFit) -> FloatArray:
     return stated
 
 
+def is_beside_metal(volume: CTVolume, fit: BallFit) -> bool:
+    """Whether there is metal beside a ball in its middle slices, as far off as screws are looked for."""
+    turns = np.linspace(0.0, 2.0 * np.pi, AROUND, endpoint=False)
+    within = np.delete(fit.neighbourhood.axes, _across(fit), axis=0)
+    around = np.stack([np.cos(turns), np.sin(turns)], axis=-1) @ within
+    return bool(_metal_beyond(volume, fit, around)[1].any())
+
+
 def _farther_mm(fit: BallFit, off_mm: FloatArray, clear_mm: FloatArray) -> FloatArray:
     """What of ``off_mm`` (3,) leads farther from the screw, towards the voxels ``clear_mm`` (N, 3): an error of theirs.
 
@@ -128,15 +139,19 @@ def _crossed_mm(volume: CTVolume, fit: BallFit) -> tuple[float, float] | None:
     Slices as they were measured: rays run across the patient's axis in coronal and sagittal pictures, too.
     """
     radius_mm, axes = float(fit.theta[RADIUS]), fit.neighbourhood.axes
-    touching = cell_directions()[fit.verdict.state == 0] @ axes
-    clear_mm = radius_mm + margin_mm(float(fit.theta[WIDTH]), fit.sigma_mm)
-    metal_mm, _ = metal_beyond(volume, fit.center_mm, touching, clear_mm, fit.ceiling_hu)
+    metal_mm, _ = _metal_beyond(volume, fit, cell_directions()[fit.verdict.state == 0] @ axes)
     if not len(metal_mm):
         return None
     heights_mm = metal_mm @ axes[_across(fit)]
     low_mm, high_mm = float(heights_mm.min()), float(heights_mm.max())
     beyond_mm = radius_mm + _beside_mm(volume, fit)
     return (low_mm, high_mm) if low_mm < beyond_mm and high_mm > -beyond_mm else None
+
+
+def _metal_beyond(volume: CTVolume, fit: BallFit, directions: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """`metal_beyond` in ``directions`` (N, 3) of a ball and its blur."""
+    clear_mm = float(fit.theta[RADIUS]) + margin_mm(float(fit.theta[WIDTH]), fit.sigma_mm)
+    return metal_beyond(volume, fit.center_mm, directions, clear_mm, fit.ceiling_hu)
 
 
 def _beside_mm(volume: CTVolume, fit: BallFit) -> float:

@@ -16,10 +16,17 @@ from ronnaplan.localization.fit.cells import cell_directions
 from ronnaplan.localization.fit.directions import Verdict
 from ronnaplan.localization.fit.guess import margin_mm
 from ronnaplan.localization.fit.parameters import WIDTH
-from ronnaplan.localization.judge.crossed import untold_mm2
+from ronnaplan.localization.judge.crossed import is_beside_metal, untold_mm2
 from ronnaplan.localization.judge.edge import Edge
 from ronnaplan.localization.judge.motion import Movement, movement
-from ronnaplan.localization.judge.uncertainty import center_covariance, near_faces_mm2, pulled_mm2
+from ronnaplan.localization.judge.uncertainty import (
+    center_covariance,
+    lag_mm,
+    lagging_mm2,
+    near_faces_mm2,
+    pulled_mm2,
+    streaked_mm2,
+)
 from ronnaplan.localization.search.look import held_by
 
 RAGGED, ALIKE_MISFIT = 0.03, 1.25
@@ -85,6 +92,9 @@ class Evidence:
         axis, is_metal = held_by(self.volume, fit.center_mm, left_out, clear_mm, fit.ceiling_hu)
         pull_mm2 = pulled_mm2(fit, axis, is_metal=is_metal or fit.may_be_metal)
         pull_mm2 = pull_mm2 + untold_mm2(self.volume, fit) + near_faces_mm2(fit)
+        pull_mm2 = pull_mm2 + lagging_mm2(fit.theta, lag_mm(self.volume.grid), fit.neighbourhood.axes)
+        if is_beside_metal(self.volume, fit):
+            pull_mm2 = pull_mm2 + streaked_mm2(fit)
         return center_covariance(fit, self.movement, pull_mm2, self.excess_mm)
 
     @cached_property
