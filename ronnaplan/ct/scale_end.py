@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ronnaplan.ct.scratch import one_by_one, runs
-from ronnaplan.ct.volume import Voxels
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.threads import in_parts
@@ -32,14 +33,14 @@ LEAST_AT_END, ENDS_MORE = 30, 4.0
 """A ragged end holds so many voxels, and so many times those of the band below it, which is as wide as it."""
 
 
-def scale_end_hu(voxels_hu: Voxels) -> float:
+def scale_end_hu(voxels_hu: NDArray[Any]) -> float:
     """Value at which the scale of ``voxels_hu`` (K, J, I) ends, or infinity where its brightest are not cut off.
 
     Of a ragged end the lower side is told: what lies above tells no more than that it is bright. Raises `InputError`
     where a voxel is no number.
     """
 
-    def highest(first: int, end: int) -> list[Voxels]:
+    def highest(first: int, end: int) -> list[NDArray[Any]]:
         return [voxels_hu[start:stop].max(axis=(1, 2)) for start, stop in runs(voxels_hu, first, end)]
 
     tops = np.concatenate([top for part in in_parts(highest, len(voxels_hu)) for top in part]).astype(np.float64)
@@ -52,7 +53,7 @@ def scale_end_hu(voxels_hu: Voxels) -> float:
         return math.inf
     least = voxels_hu.dtype.type(top - NEAR_HU)  # as voxels are, which are compared a third faster then
 
-    def bright(first: int, end: int) -> list[Voxels]:
+    def bright(first: int, end: int) -> list[NDArray[Any]]:
         each = zip(one_by_one(voxels_hu[first:end]), tops[first:end], strict=True)
         return [one[one >= least] for one, its_top in each if its_top >= least]
 

@@ -17,6 +17,7 @@ from ronnaplan.bounds import LARGEST_HU
 from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.identity import ScanIdentity
 from ronnaplan.ct.limits import are_hu, fit_int16
+from ronnaplan.ct.scale_end import scale_end_hu
 from ronnaplan.ct.scratch import one_by_one, runs
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.geometry import FloatArray, Frame, as_point, as_points
@@ -274,3 +275,8 @@ class CTVolume(Gridded):
         for first, end in runs(self.voxels_hu, 0, len(self.voxels_hu)):
             digest.update(np.ascontiguousarray(self.voxels_hu[first:end], "<i2" if whole else "<f4").data)
         return digest.hexdigest()
+
+    @cached_property
+    def scale_end_hu(self) -> float:
+        """Value at which the scan's scale ends, or infinity where its brightest voxels are not cut off."""
+        return scale_end_hu(self.voxels_hu)

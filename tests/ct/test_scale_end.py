@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from phantoms.fast import render_hu
+from ronnaplan.ct.scale_end import RAGGED_HU, scale_end_hu
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import FiducialFlag, localize
-from ronnaplan.localization.scanner.ceiling import RAGGED_HU, scale_end_hu
 from tests.scans import balls, on_grid, small_stack
 
 STACK = small_stack(spacing_mm=0.6, thickness_mm=0.6)

@@ -12,7 +12,6 @@ from ronnaplan.ct.volume import CTVolume, VolumeFlag
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.neighbourhood import axes_along
 from ronnaplan.localization.scanner.beat import noise_beats
-from ronnaplan.localization.scanner.ceiling import scale_end_hu
 from ronnaplan.localization.scanner.hounsfield import in_hounsfield
 from ronnaplan.localization.scanner.measured import measured
 from ronnaplan.localization.scanner.summed import UNTOLD, Summed
@@ -113,7 +112,7 @@ class Scan:
         told = [VolumeFlag.REFORMATTED] if self.is_computed or self.slant is not None else []
         return tuple(dict.fromkeys([*self.volume.flags, *told]))
 
-    @cached_property
+    @property
     def ceiling_hu(self) -> float:
         """Value at which the scan clips, or infinity where its brightest voxels are not clipped."""
-        return scale_end_hu(self.volume.voxels_hu) if self._whole is None else self._whole.ceiling_hu
+        return self.volume.scale_end_hu if self._whole is None else self._whole.ceiling_hu
