@@ -2,8 +2,9 @@
 
 No number of poses averages them out, and most of such an error looks like another pose of base or tool: little of it
 is left. So they are taken for a field over the poses, of which what is left tells how large it is; what it does to the
-estimate follows. As every other kind of noise a field is weighed by its restricted likelihood (`memory`). There are
-three:
+estimate follows. As every other kind of noise a field is weighed by its restricted likelihood (`memory`), beside noise
+in the tracker's axes or the tool's that is alike in all directions or not, or else what noise of any shape leaves of a
+field would be taken for more of that shape. There are three:
 
 - of any cause: its six components are linear in the numbers of the robot's pose, all of one variance;
 - of an arm that bends, or whose lengths are off: in its upright plane, linear in how far out and how high it reaches.
@@ -15,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from enum import StrEnum
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +38,8 @@ LEAST_SHOWN = 30.0
 """So many times its noise has to be what places show of a scale: of a tool that swings about its tip that is noise."""
 ROUNDS = 3
 """Each weighs rotations and places by the noise that the one before it tells."""
+SHAPE_ROUNDS = 4
+"""So many more tell the noise's whole shape."""
 LEAST_VARIANCE = 1e-12
 """Of the noise, in equations in which it is about one: of poses without any, round-off is left, of either sign."""
 
@@ -156,19 +160,20 @@ def judged(
     known: FloatArray,
     bread: FloatArray,
     count: int,
+    unlike: bool,
 ) -> list[Weighed]:
     """Return what ``fields`` (N, 6, s) are worth beside noise, white or as a filter leaves it.
 
     All is by frequency, of which the first ``count`` are judged: ``design`` (N, 6, p) of the unknowns, of which
     ``known`` (p, p) is known beforehand, and what is left, ``residual`` (N, 6). The covariance of the unknowns is
-    ``bread`` (p, p) for noise of unit variance.
+    ``bread`` (p, p) for noise of unit variance. The noise's components are alike, or also ``unlike``.
     """
-    found = list(_of_cause(Cause.ANY, design, fields[Cause.ANY], residual, known, bread, count))
+    found = list(_of_cause(Cause.ANY, design, fields[Cause.ANY], residual, known, bread, count, unlike))
     weights = np.array([one.log_weight for one in found])
     weights = np.exp(weights - weights.max())
     wide = np.einsum("m,mij->ij", weights / weights.sum(), np.array([one.covariance for one in found]))
     for cause in (Cause.BENDING, Cause.SCALE):
-        for one in _of_cause(cause, design, fields[cause], residual, known, bread, count):
+        for one in _of_cause(cause, design, fields[cause], residual, known, bread, count, unlike):
             covariance = wide if cause is Cause.BENDING else one.covariance
             found.append(one._replace(log_weight=one.log_weight + np.log(ONE_CAUSE), covariance=covariance))
     return found
@@ -182,27 +187,29 @@ def _of_cause(
     known: FloatArray,
     bread: FloatArray,
     count: int,
+    unlike: bool,
 ) -> Iterator[Weighed]:
     """Yield what a ``field`` (N, 6, s) is worth in each of its variances, and beside each noise, as `judged` does."""
     constant = np.diag(known) == 0
     joined = np.concatenate([design[..., constant], field, residual[..., None]], axis=2)
+    components, columns = joined.shape[1:]
     constants = int(constant.sum())
     carried = np.einsum("kci,kcs->is", design, field)
     for i, spectrum in enumerate(beside := beside_a_field(len(design))):
         deviations = np.sqrt(spectrum)[:, None, None]
         prior = np.log(len(beside) - 1) if i else 0.0  # white noise is as likely beforehand as all others
-        volume = 0.5 * residual.shape[1] * np.log(spectrum[:count]).sum()
-        of_kinds = (joined / deviations)[:count].reshape(count, 2, 3, -1).swapaxes(0, 1).reshape(2, 3 * count, -1)
-        products = of_kinds.swapaxes(1, 2) @ of_kinds
-        for share in SHARES:
-            found = _judge(products, constants, residual[:count].size - constants, share)
+        volume = 0.5 * components * np.log(spectrum[:count]).sum()
+        flat = (joined / deviations)[:count].reshape(count, -1)
+        products = (flat.T @ flat).reshape(components, columns, components, columns).swapaxes(1, 2).copy()
+        for share, shaped in product(SHARES, (False, True) if unlike else (False,)):
+            found = _judge(products, constants, count, share, shaped)
             if cause is Cause.SCALE:  # the one field that is all as it is modelled: what is left tells its size
                 covariance = np.zeros_like(known)
                 covariance[np.ix_(constant, constant)] = found.second_moment[:constants, :constants]
             else:
-                scores = design * deviations * np.sqrt(found.noise)[:, None]
+                scores = np.einsum("kai,ab->kbi", design, np.linalg.cholesky(found.noise)) * deviations
                 spread = np.einsum("kci,kcj->ij", scores, scores) + found.variance * carried @ carried.T
-                covariance = bread @ (spread + found.noise.mean() * known) @ bread
+                covariance = bread @ (spread + np.diag(found.noise).mean() * known) @ bread
             size = float(found.solution[constants])
             size_variance = float(found.second_moment[constants, constants]) - size**2
             yield Weighed(cause, found.log_weight - volume - prior, covariance, size, size_variance)
@@ -214,36 +221,41 @@ class _Judged(NamedTuple):
     log_weight: float
     variance: float
     noise: FloatArray
-    """(6,): variances of the noise."""
+    """(6, 6): covariance of the noise."""
     solution: FloatArray
     """(p + s,): by how much the fit's constants are off, and the field's unknowns."""
     second_moment: FloatArray
     """(p + s, p + s), of what these may be."""
 
 
-def _judge(products: FloatArray, constants: int, freedom: int, share: float) -> _Judged:
+def _judge(products: FloatArray, constants: int, count: int, share: float, unlike: bool) -> _Judged:
     """Return what a field of ``share``, in the variance of the noise, is worth.
 
-    ``products`` (2, p + s + 1, p + s + 1) are, of rotations and of places, the sums of how the p ``constants`` of the
-    fit and the field's unknowns change the residual, and of that itself, each times each, with noise of about one
-    variance. ``freedom`` is the number of residuals less that of constants.
+    ``products`` (6, 6, p + s + 1, p + s + 1) are, of each component with each, the sums over ``count`` frequencies of
+    how the p ``constants`` of the fit and the field's unknowns change the residual, and of that itself, each times
+    each. The noise has about one variance; its components are alike, within rotations and within places, or ``unlike``:
+    its shape is what is expected of it with the field (as in `memory`), as one that was told without is the field's.
     """
-    unknowns = products.shape[2] - 1 - constants
+    size, unknowns = len(products), products.shape[2] - 1 - constants
+    freedom = count * size - constants
     known = np.repeat([0.0, 1 / share], [constants, unknowns])
-    after = np.ones(2)
-    for _ in range(ROUNDS):
-        of_kinds = after
-        summed = np.tensordot(1 / of_kinds, products, axes=1)
+    after = np.eye(size)
+    for done in range(ROUNDS + (SHAPE_ROUNDS if unlike else 0)):
+        shape = after
+        summed = np.tensordot(np.linalg.inv(shape), products, axes=2)
         normal, score = summed[:-1, :-1] + np.diag(known), summed[:-1, -1]
-        solution = np.linalg.solve(normal, score)
-        misfit = max(float(summed[-1, -1] - score @ solution), freedom * LEAST_VARIANCE)
-        left = np.append(solution, -1.0)
-        after = np.einsum("i,kij,j->k", left, products, left)
-        after += misfit / freedom * np.einsum("ij,kij->k", np.linalg.inv(normal), products[:, :-1, :-1])
-        after = np.maximum(after, LEAST_VARIANCE)
-        after /= np.sqrt(after.prod())
+        inverse = np.linalg.inv(normal)
+        left = np.append(inverse @ score, -1.0)
+        misfit = max(float(summed[-1, -1] - score @ left[:-1]), freedom * LEAST_VARIANCE)
+        second_moment = np.outer(left, left)
+        second_moment[:-1, :-1] += misfit / freedom * inverse
+        after = np.tensordot(products, second_moment, axes=2)
+        if not unlike or done < ROUNDS - 1:
+            after = np.diag(np.repeat(np.diag(after).reshape(-1, 3).mean(axis=1), 3))
+        after += LEAST_VARIANCE * np.eye(size)
+        after /= np.exp(np.linalg.slogdet(after)[1] / size)
     volume = np.linalg.slogdet(normal)[1] + unknowns * np.log(share)
-    log_weight = -0.5 * (freedom * np.log(misfit) + volume)
+    parameters = size * (size + 1) // 2 - 1 if unlike else size // 3 - 1
+    log_weight = -0.5 * (freedom * np.log(misfit) + volume + parameters * np.log(count))  # Schwarz's penalty
     variance = misfit / freedom
-    second_moment = np.outer(solution, solution) + variance * np.linalg.inv(normal)
-    return _Judged(log_weight, share * variance, np.repeat(of_kinds, 3) * variance, left[:-1], second_moment)
+    return _Judged(log_weight, share * variance, shape * variance, left[:-1], second_moment[:-1, :-1])

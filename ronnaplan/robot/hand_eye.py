@@ -294,6 +294,11 @@ def _covariance(fit: _Fit, seen: FloatArray, of_fields: dict[Cause, FloatArray])
     turned = _turned(seen)
     frames = [
         Equations(fit.design, fit.residual, IN_TOOL, fields=of_fields),
-        Equations(turned @ fit.design, (turned @ fit.residual[..., None])[..., 0], IN_TRACKER),
+        Equations(
+            turned @ fit.design,
+            (turned @ fit.residual[..., None])[..., 0],
+            IN_TRACKER,
+            fields={cause: turned @ field for cause, field in of_fields.items()},
+        ),
     ]
     return least_squares_covariance(frames, fit.step, CONSTANTS)

@@ -95,9 +95,9 @@ def least_squares_covariance(
         if frame.fields is None:
             continue
         left = frame.residual - frame.design[..., constants:] @ estimate[constants:]
-        fields += by_pose.judged(frame.design, frame.fields, left, frame.known, frame.bread, count)
-    # one parameter: how large rotations are against places
-    weights += [one.log_weight - 0.5 * np.log(count) for one in fields]
+        unlike = count >= FEWEST_FOR_SHAPE * frame.residual.shape[1]
+        fields += by_pose.judged(frame.design, frame.fields, left, frame.known, frame.bread, count, unlike)
+    weights += [one.log_weight - np.log(len(frames)) for one in fields]
     covariances += [one.covariance for one in fields]
     likely = np.exp(np.array(weights) - max(weights))
     likely /= likely.sum()

@@ -1,7 +1,10 @@
 """Errors that depend on the robot's pose: joints whose zeros are off."""
 
+from typing import Any
+
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.pose import Pose, invert
@@ -38,9 +41,13 @@ def recorded(
     scale: float = 1.0,
     sag_deg: float = 0.0,
     rotation_sd_deg: float = 0.06,
-    place_sd_mm: float = 0.25,
+    place_sd_mm: float | np.ndarray = 0.25,
+    memory: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return poses of tracker and robot, M from TCP and R from OTS; what is off are joints, distances or the arm."""
+    """Return poses of tracker and robot, M from TCP and R from OTS; what is off are joints, distances or the arm.
+
+    The tracker's errors have a ``memory`` (AR(1)).
+    """
     joints = HOME + rng.uniform(-1, 1, (count, 6)) * RANGE
     tool, m_from_tcp, robot_from_ots = (matrix(rng, reach) for reach in (100, 100, 1000))
     off = rng.choice([-1, 1], 6) * np.radians(off_deg)
@@ -52,9 +59,12 @@ def recorded(
     true[:, :3, 3] = np.einsum("nij,nj->ni", sagged, true[:, :3, 3] - shoulder) + shoulder
     true[:, :3, :3] = sagged @ true[:, :3, :3]
     seen = invert(robot_from_ots) @ true @ invert(m_from_tcp)
-    turns = Rotation.from_rotvec(rng.normal(size=(count, 3)) * np.radians(rotation_sd_deg)).as_matrix()
-    seen[:, :3, :3] = turns @ seen[:, :3, :3]
-    seen[:, :3, 3] = scale * seen[:, :3, 3] + place_sd_mm * rng.normal(size=(count, 3))
+    turns, places = (
+        lfilter([np.sqrt(1 - memory**2)], [1, -memory], rng.normal(size=(count + 100, 3)), axis=0)[100:]
+        for _ in range(2)
+    )
+    seen[:, :3, :3] = Rotation.from_rotvec(turns * np.radians(rotation_sd_deg)).as_matrix() @ seen[:, :3, :3]
+    seen[:, :3, 3] = scale * seen[:, :3, 3] + place_sd_mm * places
     return seen, driven, m_from_tcp, robot_from_ots
 
 
@@ -85,6 +95,24 @@ def test_distances_of_the_tracker_that_are_wrong_are_told_by_how_much_and_counte
         assert [doubt for doubt in found.doubts if f"% {longer} (standard error 0.0" in doubt]
         assert abs(found.by_pose.scale - (scale - 1)) < 4 * found.by_pose.scale_sd < 1.5e-3
     assert np.mean(of_base) < 2
+
+
+@pytest.mark.parametrize("scale", [1.0, 1.002])
+@pytest.mark.parametrize(
+    "noise", [{"place_sd_mm": np.array([0.25, 0.25, 1.0])}, {"memory": 0.9}], ids=["larger in depth", "remembers"]
+)
+def test_no_shape_or_memory_of_the_trackers_noise_hides_a_scale(noise: dict[str, Any], scale: float) -> None:
+    """R was 2 mm aside and more, with 0.3 mm stated and nothing told: the noise was said to have the field's shape."""
+    of_tool, of_base, told = [], [], []
+    for seed in range(4):
+        seen, driven, m_from_tcp, robot_from_ots = recorded(np.random.default_rng(seed), 80, scale=scale, **noise)
+        found = calibrate_hand_eye(seen, driven)
+        of_tool.append(normalized(found.m_from_tcp, m_from_tcp))
+        of_base.append(normalized(found.robot_from_ots, robot_from_ots))
+        told.append(found.by_pose.of_scale > 0.99)
+    assert told == [scale > 1] * 4
+    assert 0.3 < np.mean(of_tool) < 2
+    assert 0.3 < np.mean(of_base) < 2
 
 
 @pytest.mark.parametrize("rotation_sd_deg", [0.0, 1e-7])
