@@ -3,8 +3,8 @@
 No number of poses averages them out, and most of such an error looks like another pose of base or tool: little of it
 is left. So they are taken for a field over the poses, of which what is left tells how large it is; what it does to the
 estimate follows. As every other kind of noise a field is weighed by its restricted likelihood (`memory`), beside noise
-in the tracker's axes or the tool's that is alike in all directions or not, or else what noise of any shape leaves of a
-field would be taken for more of that shape. There are three:
+in the tracker's axes or the tool's that is alike in all directions or not: beside the wrong noise it would lose to the
+right one without a field. There are three:
 
 - of any cause: its six components are linear in the numbers of the robot's pose, all of one variance;
 - of an arm that bends, or whose lengths are off: in its upright plane, linear in how far out and how high it reaches.
