@@ -188,6 +188,36 @@ def test_the_panels_are_reached_at_once_and_long_work_leaves_the_focus_where_it_
     eventually(page, lambda: not value(page, "work")["what"])
 
 
+def test_the_field_for_a_file_of_readings_is_seen_when_it_has_the_focus(page: Any) -> None:
+    page.click(".rp-tab >> text=Files")
+    field = page.locator("#readings-file")
+    frame = "field => getComputedStyle(field.parentElement).outlineStyle"
+    assert field.evaluate(frame) == "none"
+    for _ in range(30):
+        page.keyboard.press("Tab")
+        if field.evaluate("field => field === document.activeElement"):
+            break
+    assert field.evaluate(frame) == "solid"
+
+
+COLOURED = """([status, doubts]) => {
+  const { state } = window.trame;
+  state.set("registration", { ...state.get("registration"), status, summary: `${status}: FRE 0.1 mm`, doubts });
+  return new Promise((done) => setTimeout(() => done(document.getElementById("status").className), 100));
+}"""
+
+
+def test_a_registration_that_is_doubted_is_not_green(page: Any) -> None:
+    page.click(".rp-tab >> text=Registration")
+    before = value(page, "registration")
+    colours = [
+        page.evaluate(COLOURED, [status, doubts])
+        for status, doubts in (("unique", []), ("unique", ["far too exact"]), ("ambiguous", ["two are alike"]))
+    ]
+    page.evaluate("before => window.trame.state.set('registration', before)", before)
+    assert colours == ["rp-good", "rp-doubt", "rp-bad"]
+
+
 def test_a_layout_shows_fewer_views_larger_and_names_stay_where_they_belong(page: Any) -> None:
     page.click(".rp-bar .rp-btn >> text=3-D")
     page.wait_for_selector("svg[data-view=inline]", state="hidden")

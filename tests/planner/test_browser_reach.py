@@ -181,3 +181,54 @@ def test_a_page_whose_connection_was_cut_without_a_word_loads_itself_again(brows
     page.reload()
     wait_until_whole(page)
     assert not page.locator("#message").count()  # it is told once
+
+
+def test_what_the_planner_has_not_answered_yet_is_said_until_it_has(browser: Any, kept: Planner) -> None:
+    """Over a slow line a click shows nothing for as long: who clicks again would have it done twice."""
+    page, held = browser.new_page(), []
+    slow = False
+
+    def meet(line: Any) -> None:
+        server = line.connect_to_server()
+        line.on_message(lambda message: held.append((server, message)) if slow else server.send(message))
+
+    page.set_default_timeout(PATIENCE_MS)
+    page.route_web_socket("**/ws", meet)
+    page.goto(kept.url)
+    wait_until_whole(page)
+    waiting = page.locator("#unanswered")
+    assert not waiting.text_content()
+    slow = True
+    page.keyboard.press("a")
+    page.wait_for_selector("#unanswered >> text=not answered yet")
+    slow = False
+    for server, message in held:
+        server.send(message)
+    eventually(page, lambda: not waiting.text_content())
+    assert page.evaluate("window.trame.state.get('look').adding") == "click the entry"
+    page.keyboard.press("Escape")
+
+
+def test_what_takes_long_to_make_tells_for_how_long_and_is_made_once(browser: Any, kept: Planner) -> None:
+    page = opened(browser, kept.url)
+    asked: list[Any] = []
+    page.route("**/download/report.pdf", lambda route: asked.append(route))
+    page.click(".rp-tab >> text=Files")
+    made = page.locator("[data-download='report.pdf']")
+    made.click()
+    page.wait_for_selector("#making-seconds >> text=2 s")
+    made.click()  # by who waits for long
+    page.click(".rp-tab >> text=Markers")
+    page.click(".rp-tab >> text=Files")
+    page.wait_for_selector("#making >> text=report.pdf is being made")
+    page.click(".rp-tab >> text=Markers")
+    assert len(asked) == 1
+    asked[0].fulfill(status=422, body="Chromium could not print the report")
+    page.wait_for_selector("#message >> text=report.pdf: Chromium could not print the report")
+    page.click(".rp-tab >> text=Files")
+    made.click()  # it can be asked for again
+    eventually(page, lambda: len(asked) == 2)
+    asked[1].fulfill(status=422, body="nor now")
+    page.wait_for_selector("#making >> text=report.pdf: nor now")
+    page.unroute("**/download/report.pdf")
+    page.click("#message >> text=dismiss")

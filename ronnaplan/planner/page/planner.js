@@ -64,7 +64,7 @@
       args[1] += last.args[1];
       last.args = args;
     } else {
-      queue.push({ name, args });
+      queue.push({ name, args, asked: performance.now() });
     }
     if (!busy) work();
   }
@@ -82,9 +82,9 @@
     }
     busy = false;
   }
-  // What the planner has not answered when the page is loaded anew may not have been taken.
+  // Since when the planner has owed an answer to what would be missed if it was not taken.
   const PASSING = ["move", "hover", "wheel", "sized", "nudge", "at_crosshair", "there", "leave"];
-  window.ronnaplanUntaken = () => queue.some(({ name }) => !PASSING.includes(name));
+  window.ronnaplanUntaken = () => queue.find(({ name }) => !PASSING.includes(name))?.asked;
 
   function place(view, event) {
     const box = view.getBoundingClientRect();

@@ -99,6 +99,15 @@
     half = null;
   }
 
+  // Over a slow line, or by a crowded machine, an answer takes its time, until which nothing else shows that one clicked.
+  const SLOW_MS = 2000;
+  function tellWaiting() {
+    const line = document.getElementById("unanswered"), asked = window.ronnaplanUntaken?.();
+    const text = performance.now() - asked > SLOW_MS ? "not answered yet ..." : "";
+    if (line && line.textContent !== text) line.textContent = text; // read out once, not at every look
+  }
+  setInterval(tellWaiting, ASK_MS / 2);
+
   async function ask() {
     const limit = AbortSignal.timeout(4 * ASK_MS); // one that is busy answers late
     const status = await fetch("planner_page/planner.css", { method: "HEAD", cache: "no-store", signal: limit }).then(
