@@ -45,6 +45,9 @@ PASSES: Final[dict[str, Callable[[SliceImage], str]]] = {
 }
 """What images of one place are divided by, in this order, by what it is called."""
 
+OF_A_SLICE: Final = frozenset({"cardiac phases", "series numbers", "descriptions"})
+"""Those of `PASSES` that a few slices of one scan may have for themselves: described by hand, or of another beat."""
+
 
 def share_plane(one: SliceImage, other: SliceImage) -> bool:
     """Whether two images may be slices of one stack."""

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from ronnaplan.ct.apart import PASSES, TUBE_VOLTAGES, share_plane, what_differs
+from ronnaplan.ct.apart import OF_A_SLICE, PASSES, TUBE_VOLTAGES, share_plane, what_differs
 from ronnaplan.ct.codecs import tells_loss
 from ronnaplan.ct.copies import SAME_PLACE_TOLERANCE_MM, without_copies
 from ronnaplan.ct.derived import flags_of
@@ -44,6 +44,8 @@ LARGEST_GAP_MM: Final = 30.0
 """Slices farther apart (the usual gap) are no volume: localizers, or single cuts. Gaps of 20 mm are in use."""
 OUT_OF_ORDER_S: Final = 1.0
 """Neighbouring slices whose times run back by more (against the volume's direction) are of different passes."""
+UNEVEN_SHARE: Final = 0.25
+"""Gaps that differ by more of the usual one lack slices, whatever their places were rounded to."""
 MOST_MIXED: Final = 3
 """So many of the things that are unlike in a mixed series are told."""
 MOST_PARTS: Final = 32
@@ -132,9 +134,11 @@ def _stacks_of_plane(images: list[SliceImage]) -> list[Stack]:
     keys = dict(PASSES)
     if any(image.tube_voltage_kv is None for image in kept):
         del keys[TUBE_VOLTAGES]
-    for key in keys.values():
+    for name, key in keys.items():
         parts = _grouped(kept, key)
         if 1 < len(parts) <= MOST_PARTS and _interleave(parts, normal):
+            if name in OF_A_SLICE and _are_one_scan(parts, normal):
+                continue
             return [stack for part in parts for stack in _stacks_of_plane(part)]
     stack = _one_stack(kept, positions, row_step, column_step)
     return [stack.flagged(VolumeFlag.DUPLICATES_DROPPED) if dropped else stack]
@@ -161,15 +165,27 @@ def _are_perpendicular(orientation: Vector) -> bool:
     return max(*off, abs(float(one @ other))) <= PERPENDICULAR_TOLERANCE
 
 
+def _along_mm(images: Sequence[SliceImage], normal: FloatArray) -> FloatArray:
+    """Return where (K,) the images lie along the normal, in ascending order."""
+    return np.sort(np.array([image.origin_mm for image in images]) @ normal)
+
+
 def _interleave(parts: list[list[SliceImage]], normal: FloatArray) -> bool:
     """Whether the parts' slices lie among each other, so that they are scans of the same place."""
-    ranges = []
-    for part in parts:
-        along = np.array([image.origin_mm for image in part]) @ normal
-        ranges.append((float(along.min()), float(along.max())))
-    ranges.sort()
+    along = [_along_mm(part, normal) for part in parts]
+    ranges = sorted((float(part[0]), float(part[-1])) for part in along)
     ends = np.maximum.accumulate([high for _, high in ranges])
     return any(low < end + SAME_PLACE_TOLERANCE_MM for (low, _), end in zip(ranges[1:], ends[:-1], strict=True))
+
+
+def _are_one_scan(parts: list[list[SliceImage]], normal: FloatArray) -> bool:
+    """Whether parts that lie among each other fill their gaps: evenly spaced together, and not each by itself."""
+
+    def is_whole(images: Sequence[SliceImage]) -> bool:
+        gaps = np.diff(_along_mm(images, normal))
+        return len(images) >= LEAST_SLICES and bool(np.ptp(gaps) < UNEVEN_SHARE * np.median(gaps))
+
+    return is_whole([image for part in parts for image in part]) and not all(map(is_whole, parts))
 
 
 def _one_stack(

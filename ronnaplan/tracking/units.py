@@ -8,8 +8,8 @@ from pathlib import Path
 
 from ronnaplan.errors import InputError
 from ronnaplan.text import printable
-from ronnaplan.tracking.cells import MISSING
-from ronnaplan.tracking.columns import OF_WORDS, length_columns
+from ronnaplan.tracking.cells import MISSING, number
+from ronnaplan.tracking.columns import OF_WORDS, length_columns, place_columns
 
 LONGEST_NAME = 40
 """Of what a column is called, how much is told."""
@@ -22,11 +22,11 @@ MILLIMETRES = frozenset(
 )
 SECONDS = frozenset({"s", "sec", "secs", "second", "seconds"})
 UNIT = re.compile(
-    r"[\[(]?([munµμcdk]?m|in|inch|inches|ft|foot|feet|zoll|pouces?|pollic[ei]|pulgadas?"
-    r"|(mill?[ií]|mi[ck]ro|[cz]enti|kilo)?m[eèé]t(er|re|ro|ri)s?)[\])]?",
+    r"[\[(]?([munµμcd]?m|in|inch|inches|zoll|pouces?|pollic[ei]|pulgadas?"
+    r"|(mill?[ií]|mi[ck]ro|[cz]enti)?m[eèé]t(er|re|ro|ri)s?)[\])]?",
     re.IGNORECASE,
 )
-"""A cell that holds a unit of length in the place of a number."""
+"""A cell that holds a unit of length in the place of a number. KM and foot are none: initials, and places."""
 WORD = re.compile(r"[\[(]?[^\W\d_][^\d]*")
 """A cell that may hold a unit in any language."""
 
@@ -46,7 +46,7 @@ def require_units(
         for k in columns:
             _require_unit(path, cells[k], expected, names)
     stated = {k: cell.strip() for k, cell in enumerate(rows[0] if rows else []) if cell.strip()}
-    if _are_units(stated, lengths, rows[1:]):
+    if _are_units(stated, header, lengths, rows[1:]):
         for columns, expected, names in judged:
             for k in sorted(stated.keys() & set(columns)):
                 _require_stated(path, stated[k], header[k], expected, names)
@@ -67,15 +67,23 @@ def held(rows: Sequence[Sequence[str]], column: int) -> Iterator[str]:
     return (cell for row in rows if column < len(row) and (cell := row[column].strip()))
 
 
-def _are_units(stated: dict[int, str], lengths: Sequence[int], below: Sequence[Sequence[str]]) -> bool:
+def _are_units(
+    stated: dict[int, str], header: Sequence[str], lengths: Sequence[int], below: Sequence[Sequence[str]]
+) -> bool:
     """Whether the first row below a header holds words where lengths stand.
 
-    Words that are no known units, and stand further ``below``, too, say that a marker was not seen.
+    Words that are no known units say that a marker was not seen where they stand further ``below``, too, not under each
+    coordinate, or beside a number, name or status.
     """
     words = {k: stated[k] for k in lengths if k in stated}
     if not words or all(map(UNIT.fullmatch, words.values())):
         return bool(words)
     if any(word.lower() in MISSING or WORD.fullmatch(word) is None for word in words.values()):
+        return False
+    of_words = {k for k, name in enumerate(header) if name in OF_WORDS}
+    beside = {k: cell for k, cell in stated.items() if k not in words and cell.strip("[]()") != "-"}
+    is_reading = of_words & beside.keys() or any(number(cell, ";") is not None for cell in beside.values())
+    if is_reading or not words.keys() >= set(place_columns(header)):
         return False
     return not any(cell in words.values() for k in words for cell in held(below, k))
 

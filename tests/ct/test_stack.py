@@ -267,6 +267,29 @@ def test_two_scans_between_each_others_slices_are_offered_apart(
     np.testing.assert_allclose(np.stack(places), np.array([[0.0, 2.0, 4.0, 6.0], [0.7, 2.7, 4.7, 6.7]]))
 
 
+@pytest.mark.parametrize(
+    ("told_by", "usual", "other", "others"),
+    [
+        ("SeriesDescription", "head", "head, the aneurysm", {5}),
+        ("SeriesDescription", "head", "", {0, 11}),
+        ("SeriesNumber", 4, None, {5}),
+        ("NominalPercentageOfCardiacPhase", 75.0, 74.0, {4, 5, 6, 7}),
+    ],
+)
+def test_a_scan_of_which_some_slices_are_told_otherwise_is_one(
+    told_by: str, usual: object, other: object, others: set[int], tmp_path: Path
+) -> None:
+    """Step by step at each beat, or described by hand: it was torn apart, and slices were left out of it."""
+
+    def change(made: Dataset, k: int) -> None:
+        made.ImagePositionPatient = [0, 0, round(0.625 * k, 2)]
+        setattr(made, told_by, other if k in others else usual)
+
+    volume = read_ct(write_series(tmp_path, 12, change))
+    assert len(volume.grid.slice_positions_mm) == 12
+    assert not {VolumeFlag.IMAGES_LEFT_OUT, VolumeFlag.MISSING_SLICE} & set(volume.flags)
+
+
 @pytest.mark.parametrize("syntax", [ExplicitVRLittleEndian, ExplicitVRBigEndian])
 def test_frames_of_two_cardiac_phases_are_offered_apart(syntax: str, tmp_path: Path) -> None:
     def change(groups: Dataset, k: int) -> None:

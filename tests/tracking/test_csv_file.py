@@ -76,6 +76,29 @@ def test_words_for_what_was_not_seen_are_no_units(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "table",
+    [
+        "label,x,y,z\nA,occluded,occluded,occluded\nB,1,2,3\n",
+        "x,y,z,status\nlost,lost,lost,Missing\n1,2,3,OK\n",
+        "x;y;z;time\nlost;lost;lost;0,05\n1;2;3;0,1\n",
+        "x,y,z,error\n,,,occluded\n1,2,3,0.1\n",
+        "x,y,z\nmeasured by hand,,\n1,2,3\n",
+        "tools,port,frame,q0,qx,qy,qz,tx,ty,tz\n1,1,7,-,-,-,-,Disabled,Disabled,Disabled\n1,1,8,0.6,0,0.8,0,1,2,3\n",
+    ],
+)
+def test_words_of_a_reading_that_has_a_name_or_number_are_no_units(tmp_path: Path, table: str) -> None:
+    """Whole files were refused for the first marker, seen later or never, of which they say so in their own words."""
+    read = read_recording(written(tmp_path, "r.csv", table))
+    assert [one.usable for one in read.points or read.tools] == [False, True]
+
+
+@pytest.mark.parametrize(("column", "word"), [("operator", "KM"), ("side", "foot"), ("by", "FT")])
+def test_initials_and_sides_are_no_units(tmp_path: Path, column: str, word: str) -> None:
+    (point,) = read_recording(written(tmp_path, "r.csv", f"x,y,z,{column}\n1,2,3,{word}\n")).points
+    assert point.usable
+
+
+@pytest.mark.parametrize(
     "rows",
     [
         "A;-1.294;187;35\nB;12;-1.500;8\n",
@@ -159,6 +182,7 @@ def test_a_first_line_that_tells_a_spreadsheet_the_delimiter_is_heard(tmp_path: 
         ("x,y,z\n[µm],[µm],[µm]\n1,2,3\n", r"says '\[µm\]' right below its column x, .*; expected mm"),
         ("name;x;y;z\n;Zoll;Zoll;Zoll\nA;1,5;2,5;3\n", "says 'Zoll' right below its column x, .*; expected mm"),
         ("name;x;y;z\n;tommer;tommer;tommer\nA;1,5;2,5;3\n", "says 'tommer' right below .* or delete that row"),
+        ("frame,x,y,z\n[-],[px],[px],[px]\n1,2,3,4\n", r"says '\[px\]' right below its column x"),
         ("name;x;y;z;Einheit\nA;1,5;2,5;3;Zoll\n", r"unit is 'Zoll' \(column 'einheit'\); expected mm"),
         ("name;x;y;z;unité\nA;1,5;2,5;3;mètres\n", "unit is 'mètres'"),
         (
