@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 CLOCK_DRIFT = 1e-3
-"""No clock goes slower than another by so much, also not while it is being set right."""
+"""Two clocks part no faster while each is being set right as is usual (by 500 parts in a million)."""
 
 
 class Delays:

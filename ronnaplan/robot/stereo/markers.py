@@ -20,8 +20,8 @@ from ronnaplan.registration.marker_registration import MarkerRegistration, regis
 from ronnaplan.registration.registration import Registration
 from ronnaplan.robot.chain import TCP, R, to_frame
 from ronnaplan.robot.stereo.camera import RIG, StereoRig
+from ronnaplan.robot.stereo.disagreement import explanations
 from ronnaplan.robot.stereo.images import ImagePair
-from ronnaplan.robot.stereo.meanwhile import moved_meanwhile
 from ronnaplan.robot.stereo.sphere import StereoSphere, locate_sphere
 from ronnaplan.sigmas import LARGEST_STATED_MM, SIGMA_LAMP_DEG
 
@@ -158,8 +158,8 @@ def register_robot_markers(
     """Pair the scan's markers with the spheres, in any order, and register R from CT.
 
     ``expected`` and ``sigma_ct_mm`` are as in `register_markers`. Of several looks at one sphere the best known counts.
-    Raises `InputError` for fewer than three spheres, `RefusedError` where the pairing is not unique, or head or base
-    moved between the looks.
+    Raises `InputError` for fewer than three spheres, `RefusedError` where the pairing is not unique, or a movement
+    between the looks, or another place of the cameras at the TCP, explains what the markers' errors do not.
     """
     spheres, again = _one_look_each(spheres)
     if len(spheres.labels) < LEAST_PAIRS:
@@ -172,11 +172,12 @@ def register_robot_markers(
         raise RefusedError(f"the scan's markers and the re-localized spheres: {found.pairing.reason}")
     i, j = found.pairing.pairs.T
     fit = found.registration
-    moved = moved_meanwhile(fit, j, spheres.labels)
-    if moved is not None:
+    explained = explanations(fit, j, spheres.labels, spheres.robot_from_tcp[j, :3, :3])
+    if explained:
         raise RefusedError(
-            f"the markers agree with the scan only if head or robot base moved {moved}: fasten both and look at all "
-            "markers again; if neither moved, state a larger error of the markers (--sigma-ct)"
+            f"the markers do not agree with the scan, but would if {', or if '.join(explained)}: fasten head and base "
+            "and look at all markers again; if that tells the same, check what else is named (the cameras by robot "
+            "stereo-calibrate), or state a larger error of the markers (--sigma-ct)"
         )
     # the gain of a fit of maximum likelihood: how the pose follows each marker
     jacobian = point_jacobian(transform_points(fit.transform, fit.moving_mm))

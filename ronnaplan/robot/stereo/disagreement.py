@@ -1,0 +1,83 @@
+"""What explains that markers, looked at one after the other, do not agree with the scan: a movement, or the cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.pose import point_jacobian, transform_points
+from ronnaplan.registration.drift import DRIFT_PROBABILITY
+from ronnaplan.registration.flags import MISFIT_PROBABILITY
+from ronnaplan.registration.registration import Registration
+
+FEWEST_FOR_SHIFT = 2
+"""On either side of a movement; of one marker alone that stands otherwise none is told, as it may be loose."""
+FEWEST_FOR_TURN = 3
+LARGEST = np.array([0.1, 0.1, 0.1, 10.0, 10.0, 10.0])
+"""Standard deviations of a movement's rotation (rad) and translation (mm): they hold what a layout does not tell."""
+
+
+def explanations(
+    fit: Registration, looks: NDArray[np.intp], names: Sequence[str], tcp_turns: FloatArray
+) -> list[str]:
+    """Say what the markers would agree by; ``looks`` (N) number those of the pairs, in their order.
+
+    ``names`` are those of all looks, ``tcp_turns`` (N, 3, 3) rotations of R from TCP at those of the pairs. Empty
+    unless errors as stated leave residuals as large less than once in a million times, and a movement between two
+    looks, or steadily over all, or a shift of the cameras at the TCP explains them better than one loose marker.
+    """
+    chance = fit.fit_probability
+    if chance is None or chance >= DRIFT_PROBABILITY:
+        return []
+    places = transform_points(fit.transform, fit.moving_mm)
+    motion = point_jacobian(places - places.mean(axis=0))
+    shift = motion[..., 3:]
+    loose = [_explained(fit, motion, alone[:, None, None] * shift)[0] for alone in np.eye(len(looks))]
+    best = doubtful = max(MISFIT_PROBABILITY, *loose)
+    told = []
+    in_order = np.sort(looks)
+    for share, fewest, when in _movements([names[look] for look in in_order.tolist()]):
+        turns = fewest >= FEWEST_FOR_TURN
+        shared = share[np.searchsorted(in_order, looks), None, None] * (motion if turns else shift)
+        explained, moved = _explained(fit, motion, shared)
+        if explained > best:
+            turned = f" and {np.degrees(np.linalg.norm(moved[:3])):.2f} degrees" if turns else ""
+            told = [f"head or robot base had moved {when} by {np.linalg.norm(moved[-3:]):.2f} mm{turned}"]
+            best = explained
+    explained, beside = _explained(fit, motion, tcp_turns)
+    if explained > doubtful:
+        told.append(f"the cameras were {np.linalg.norm(beside):.2f} mm beside their calibrated place at the TCP")
+    if told and fit.stretch is not None:
+        told.append("the scan's pixel size or slice distance were wrong")
+    return told
+
+
+def _movements(names: Sequence[str]) -> Iterator[tuple[FloatArray, int, str]]:
+    """Yield which share (N,) of a movement each look may have had, how many tell of either end of it, and when."""
+    count = len(names)
+    for first, (before, after) in enumerate(pairwise(names), start=1):
+        if (fewest := min(first, count - first)) >= FEWEST_FOR_SHIFT:
+            yield (np.arange(count) >= first).astype(float), fewest, f"between frames {before} and {after}"
+    if count >= 2 * FEWEST_FOR_SHIFT:
+        yield np.linspace(0.0, 1.0, count), count // 2, f"steadily from frame {names[0]} to frame {names[-1]}"
+
+
+def _explained(fit: Registration, motion: FloatArray, design: FloatArray) -> tuple[float, FloatArray]:
+    """Return how likely errors as stated leave what unknowns (K) of a ``design`` (N, 3, K) do, and these.
+
+    ``motion`` (N, 3, 6) is that of all markers together, which is fitted anew.
+    """
+    from scipy.special import gammaincc
+
+    unknowns = design.shape[2]
+    whitening = np.linalg.inv(np.linalg.cholesky(fit.covariances_mm2))
+    of_markers = (whitening @ np.concatenate([motion, design], axis=2)).reshape(-1, 6 + unknowns)
+    rows = np.vstack([of_markers, np.eye(6 + unknowns)[6:] / LARGEST[-unknowns:, None]])
+    residual = np.append((whitening @ fit.residual_vectors_mm[..., None]).ravel(), np.zeros(unknowns))
+    solution = np.linalg.lstsq(rows, residual)[0]
+    left = float(((residual - rows @ solution) ** 2).sum())
+    return float(gammaincc((fit.degrees_of_freedom - unknowns) / 2, left / 2)), solution[6:]
