@@ -255,12 +255,19 @@ def _summary(found: Fiducials) -> str:
 
 def _motion(found: Fiducials) -> list[str]:
     """Say what is assumed of a patient who moved between the markers, or what known distances say of it."""
-    from ronnaplan.localization.fiducials import UNSEEN_MOTION_MM
+    from ronnaplan.localization.fiducials import UNSEEN_MOTION_MM, FiducialFlag
 
     if not len(found):
         return []
     if found.distance_error_mm is not None:
         return [f"motion: the markers' distances are the template's within {found.distance_error_mm:.2f} mm"]
+    moved = [one.label for one in found.fiducials if FiducialFlag.MOTION_SUSPECTED in one.flags]
+    if moved:
+        others = ", of those without that flag, too" if len(moved) < len(found) else ""
+        return [
+            f"motion is suspected of {', '.join(moved)}: if the head moved, the distances of all markers are open"
+            f"{others}; scan again, or test them with a --template"
+        ]
     return [
         f"motion between the markers' slices is in no image: {UNSEEN_MOTION_MM:g} mm per axis are assumed, "
         "beside the stated errors; a --template tests it"

@@ -94,3 +94,15 @@ def test_slices_that_are_said_to_be_farther_apart_than_they_were_are_warned_of(
     assert "the slices' distance in the header (1.5 mm) may be wrong" in told
     assert f"warning: {told}" in err
     assert "--diameter" not in err
+
+
+def test_a_marker_that_moved_puts_the_others_in_doubt(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A jump passes through the lower ball; the upper one is whole, and off to it."""
+    centers = ([(-12.0, -9.0, -6.0), (12.0, 9.0, 8.0)], [(-11.5, -9.0, -6.0), (12.5, 9.0, 8.0)])
+    stack = small_stack()
+    before, after = (render(balls(places), stack, seed=seed) for seed, places in enumerate(centers))
+    images = np.where((stack.positions_mm > -5.5)[:, np.newaxis, np.newaxis], after, before)
+    write_phantom(tmp_path / "ct", balls(centers[0]), stack, images)
+    status, _, err = run(["localize", str(tmp_path / "ct"), "--diameter", "11.5"], capsys)
+    assert status == 0
+    assert "motion is suspected of F2: if the head moved, the distances of all markers are open, of those" in err

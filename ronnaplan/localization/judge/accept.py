@@ -183,8 +183,7 @@ def _coverage(evidence: Evidence) -> str | None:
     of_all = of_seen * (1.0 - evidence.unseen) * (1.0 - fit.neighbourhood.ending_share)
     least = ALIKE_ROUND if evidence.is_alike else MIN_ROUND
     if of_all < least:
-        unseen = f", {evidence.unseen:.0%} is outside the scan" if evidence.unseen > 0 else ""
-        return f"only {of_all:.0%} of its surface is a sphere's{unseen}, {least:.0%} expected"
+        return f"only {of_all:.0%} of its surface is a sphere's{_outside(evidence)}, {least:.0%} expected"
     if has_streaks(fit.theta):
         least = MIN_METAL_ROUND
     least += ROUND_MISFIT * evidence.own_misfit
@@ -215,7 +214,14 @@ def _free(evidence: Evidence) -> str | None:
 def _informed(evidence: Evidence) -> str | None:
     informed = evidence.fit.coverage * (1.0 - evidence.unseen)
     least = ALIKE_INFORMED if evidence.is_alike else MIN_INFORMED
-    return None if informed >= least else f"only {informed:.0%} of its surface can be used, {least:.0%} expected"
+    if informed >= least:
+        return None
+    return f"only {informed:.0%} of its surface can be used{_outside(evidence)}, {least:.0%} expected"
+
+
+def _outside(evidence: Evidence) -> str:
+    """Say how much of a ball the scan does not reach, which is why less of its surface counts."""
+    return f", {evidence.unseen:.0%} is outside the scan" if evidence.unseen > 0 else ""
 
 
 def _roundness(evidence: Evidence) -> str | None:

@@ -26,6 +26,7 @@ from ronnaplan.localization.judge.motion import (
     largest,
 )
 from ronnaplan.localization.scanner.scan import Scan
+from ronnaplan.localization.scanwide.jump import jump_at_one_height
 
 LIMIT = 4.0
 """A marker is suspected when a pattern is so many standard errors large, and all are when their smear is. Of the still
@@ -92,11 +93,14 @@ def moved(scan: Scan, markers: Sequence[Examined]) -> list[bool]:
     """Whether each marker of a scan is suspected to have moved while it was made."""
     in_cubes = scan.volume.grid.is_in_cubes
     movements = [one.movement for one in markers if one.movement is not None]
-    smeared = in_cubes and are_smeared(
-        np.array([scan.axes @ one.center_mm for one in markers]).reshape(-1, 3),
-        np.array([scan.axes @ one.blur_mm2 @ scan.axes.T for one in markers]).reshape(-1, 3, 3),
-    )
-    return [smeared or one for one in suspected(movements, in_cubes=in_cubes)]
+    places_mm = np.array([scan.axes @ one.center_mm for one in markers]).reshape(-1, 3)
+    if in_cubes:
+        blurs_mm2 = np.array([scan.axes @ one.blur_mm2 @ scan.axes.T for one in markers]).reshape(-1, 3, 3)
+        of_all = are_smeared(places_mm, blurs_mm2)
+    else:
+        radii_mm = np.array([one.diameter_mm / 2.0 for one in markers])
+        of_all = jump_at_one_height(places_mm[:, 2], radii_mm, movements) > LIMIT
+    return [of_all or one for one in suspected(movements, in_cubes=in_cubes)]
 
 
 def suspected(movements: Sequence[Movement], *, in_cubes: bool = False) -> list[bool]:

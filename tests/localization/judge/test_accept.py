@@ -82,6 +82,13 @@ def test_a_fit_without_any_surface_is_turned_down_in_finite_words(fit: BallFit) 
     assert TESTS["roundness"](evidence(unused)) == "nothing of its surface can be used"
 
 
+def test_a_ball_that_the_scan_cuts_off_is_said_to_be(fit: BallFit) -> None:
+    cut_off = replace(evidence(fit), unseen=0.9)
+    reason = TESTS["informed"](cut_off)
+    assert reason is not None
+    assert "of its surface can be used, 90% is outside the scan, " in reason
+
+
 def test_directions_left_out_where_a_holder_ends_are_no_spheres(fit: BallFit) -> None:
     near_faces = replace(fit.neighbourhood, ending_share=0.3)
     mostly_round = replace(fit, verdict=round_in(fit.verdict, 0.81))
