@@ -40,6 +40,9 @@ ROUNDS = 3
 """Each weighs rotations and places by the noise that the one before it tells."""
 SHAPE_ROUNDS = 4
 """So many more tell the noise's whole shape."""
+LEAST_SHARE = 1e-4
+"""No component of the noise has less of its variance: of noise about one axis alone, what rounds left of the other two
+would be judged, and a field of errors be told by it."""
 LEAST_VARIANCE = 1e-12
 """Of the noise, in equations in which it is about one: of poses without any, round-off is left, of either sign."""
 
@@ -215,6 +218,13 @@ def _of_cause(
             yield Weighed(cause, found.log_weight - volume - prior, covariance, size, size_variance)
 
 
+def of_volume_one(covariance: FloatArray) -> FloatArray:
+    """Return a shape (c, c), of determinant one, for noise of ``covariance`` (c, c)."""
+    size = len(covariance)
+    shape = covariance + LEAST_SHARE * np.trace(covariance) / size * np.eye(size)
+    return np.asarray(shape / np.exp(np.linalg.slogdet(shape)[1] / size))
+
+
 class _Judged(NamedTuple):
     """How likely a field is, and how large it and the noise beside it are."""
 
@@ -252,8 +262,7 @@ def _judge(products: FloatArray, constants: int, count: int, share: float, unlik
         after = np.tensordot(products, second_moment, axes=2)
         if not unlike or done < ROUNDS - 1:
             after = np.diag(np.repeat(np.diag(after).reshape(-1, 3).mean(axis=1), 3))
-        after += LEAST_VARIANCE * np.eye(size)
-        after /= np.exp(np.linalg.slogdet(after)[1] / size)
+        after = of_volume_one(after)
     volume = np.linalg.slogdet(normal)[1] + unknowns * np.log(share)
     parameters = size * (size + 1) // 2 - 1 if unlike else size // 3 - 1
     log_weight = -0.5 * (freedom * np.log(misfit) + volume + parameters * np.log(count))  # Schwarz's penalty

@@ -93,7 +93,8 @@ def calibrate_hand_eye(
         require_two_axes(poses[:, :3, :3], "M from TCP", whose)
     left, right = closed_form(seen, driven)
     fit = _refine(seen, driven, left, right)
-    far, step = far_off(seen, driven), _step(seen, driven, left, right)
+    far = far_off(seen, driven)
+    step = step_in(discrepancies(seen, driven, left, right), _design(seen, right, np.ones(6)))
     if not _agree(fit.rotation_rms_deg, fit.translation_rms_mm):
         numbers = range(len(told)) if frames is None else [frames[one] for one in told]
         raise RefusedError(_contradiction(fit, seen, driven, far, step, numbers))
@@ -153,11 +154,6 @@ def _contradiction(
         f"{said}; record both at the same moments, as tracker from tool and robot from TCP, and check how their "
         "rotations were turned into matrices"
     )
-
-
-def _step(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> Step | None:
-    """Return the step in poses (N, 4, 4) of which ``left`` and ``right`` are the closed form."""
-    return step_in(discrepancies(seen, driven, left, right), _design(seen, right, np.ones(6)))
 
 
 def with_tip(found: HandEye, tip_mm: FloatArray, tip_mm2: FloatArray) -> HandEye:
@@ -291,14 +287,13 @@ def _covariance(fit: _Fit, seen: FloatArray, of_fields: dict[Cause, FloatArray])
 
     With it comes how likely errors are that depend on the robot's pose, which add ``of_fields`` (N, 6, s).
     """
-    turned = _turned(seen)
     frames = [
-        Equations(fit.design, fit.residual, IN_TOOL, fields=of_fields),
         Equations(
-            turned @ fit.design,
-            (turned @ fit.residual[..., None])[..., 0],
-            IN_TRACKER,
-            fields={cause: turned @ field for cause, field in of_fields.items()},
-        ),
+            axes @ fit.design,
+            (axes @ fit.residual[..., None])[..., 0],
+            drifts,
+            fields={cause: axes @ field for cause, field in of_fields.items()},
+        )
+        for axes, drifts in ((np.eye(6), IN_TOOL), (_turned(seen), IN_TRACKER))
     ]
     return least_squares_covariance(frames, fit.step, CONSTANTS)

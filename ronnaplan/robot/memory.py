@@ -20,7 +20,7 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot import by_pose
-from ronnaplan.robot.by_pose import LEAST_VARIANCE, Cause, Suspicion
+from ronnaplan.robot.by_pose import LEAST_VARIANCE, SHAPE_ROUNDS, Cause, Suspicion
 from ronnaplan.robot.spectra import spectra
 
 DRIFT_SDS = 4.0
@@ -36,7 +36,6 @@ USED_LEVERAGE = 0.99
 BAND = 3
 """... and the noise is judged over so many times as many."""
 FEWEST_FREQUENCIES = 8
-SHAPE_ROUNDS = 4
 FEWEST_FOR_SHAPE = 4
 """Unlike components are only considered with so many frequencies for each of them."""
 
@@ -225,13 +224,12 @@ class _Candidate:
         alike = np.eye(size)
         for _ in range(SHAPE_ROUNDS if kinds > 1 else 0):
             of_kinds = np.diag(self._noise_shape(alike)).reshape(kinds, 3).mean(axis=1)
-            alike = np.diag(np.repeat(of_kinds / np.exp(np.log(of_kinds).mean()), 3))
+            alike = by_pose.of_volume_one(np.diag(np.repeat(of_kinds, 3)))
         if self.turning is not None or count < FEWEST_FOR_SHAPE * size:
             return [(alike, kinds - 1)]
         unlike = alike
         for _ in range(SHAPE_ROUNDS):
-            covariance = self._noise_shape(unlike)
-            unlike = covariance / np.exp(np.linalg.slogdet(covariance)[1] / size)
+            unlike = by_pose.of_volume_one(self._noise_shape(unlike))
         return [(alike, kinds - 1), (unlike, size * (size + 1) // 2 - 1)]
 
     def _noise_shape(self, shape: FloatArray) -> FloatArray:
