@@ -155,11 +155,6 @@ def describe_layout(points: ArrayLike) -> Layout:
     return Layout(math.sqrt(square), rival, math.sqrt(float(values[0] + values[1])), math.sqrt(mirrored))
 
 
-def rival_distance(points: ArrayLike) -> float:
-    """Return `Layout.rival_distance_mm` of markers at ``points`` (n, 3), in mm."""
-    return describe_layout(points).rival_distance_mm
-
-
 def mirror_distance(points: ArrayLike) -> float:
     """Return how far markers (n, 3), in mm, are from fitting onto their mirror image in another order.
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.special import ndtri
 
-from ronnaplan.correspondence import describe_layout, match_points, rival_distance
+from ronnaplan.correspondence import describe_layout, match_points
 from ronnaplan.correspondence.evidence import FEW_PAIRS, MOST_ODDS_IF_LARGER, SCALE_PRIORS, SCALES
 from ronnaplan.correspondence.layout import LOWEST_SIGMAS, MIRROR_REACH_MM, QUADRATURE_STEPS, Layout
 from ronnaplan.errors import InputError, RonnaplanError
@@ -45,7 +45,7 @@ def test_symmetric_layouts_have_a_rival_at_no_distance(points: np.ndarray) -> No
 
 def test_a_layout_with_a_mirror_plane_but_no_rotation_is_distinguishable() -> None:
     points = np.array([[0, 0, 0], [90, 40, 0], [90, -40, 0], [130, 0, 60.0], [60, 0, 90.0]])
-    assert rival_distance(points) > 20.0
+    assert describe_layout(points).rival_distance_mm > 20.0
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -107,7 +107,8 @@ def test_the_rival_distance_follows_scale_and_ignores_pose_and_order(seed: int, 
     rng = np.random.default_rng(seed)
     points = 50 * rng.normal(size=(5, 3))
     moved = scale * Rotation.from_quat(rng.normal(size=4)).apply(points[rng.permutation(5)]) + 40.0
-    assert rival_distance(moved) == pytest.approx(scale * rival_distance(points), rel=1e-5, abs=1e-4)
+    expected_mm = scale * describe_layout(points).rival_distance_mm
+    assert describe_layout(moved).rival_distance_mm == pytest.approx(expected_mm, rel=1e-5, abs=1e-4)
 
 
 @pytest.mark.parametrize("difference", [2.0, 4.0])
@@ -127,8 +128,8 @@ def test_the_refusal_probability_of_regular_markers_is_what_simulation_finds(awa
     even = np.array([[0, 0, 0], [60, 0, 0], [60, 60, 0], [0, 60, 0], [30, 30, 40], [30, 30, 90.0]])
     rng = np.random.default_rng(8)
     off = rng.normal(size=even.shape)
-    layout = describe_layout(even + off * away_mm / rival_distance(even + off))
-    markers = even + off * away_mm / rival_distance(even + off)
+    markers = even + off * away_mm / describe_layout(even + off).rival_distance_mm
+    layout = describe_layout(markers)
     assert layout.rival_distance_mm == pytest.approx(away_mm, rel=0.1)
     refused = 0
     for _ in range(500):

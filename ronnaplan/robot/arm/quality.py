@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.arm.arm import SerialArm
-from ronnaplan.robot.arm.forward import LENGTH_MM, as_angles, jacobian
+from ronnaplan.robot.arm.forward import as_angles
 
 
 def joint_margins_deg(arm: SerialArm, angles_rad: ArrayLike) -> FloatArray:
@@ -15,13 +15,6 @@ def joint_margins_deg(arm: SerialArm, angles_rad: ArrayLike) -> FloatArray:
     angles = as_angles(arm, angles_rad)
     nearer = np.minimum(angles - arm.limits_rad[:, 0], arm.limits_rad[:, 1] - angles)
     return np.degrees(nearer)
-
-
-def manipulability(arm: SerialArm, angles_rad: ArrayLike, tool: str | None = None) -> FloatArray:
-    """Return Yoshikawa's measure (...): the product of the singular values of the Jacobian, lengths per `LENGTH_MM`."""
-    moved = jacobian(arm, angles_rad, tool)
-    moved[..., 3:, :] /= LENGTH_MM
-    return np.asarray(np.linalg.svd(moved, compute_uv=False).prod(axis=-1), dtype=np.float64)
 
 
 def singularity_deg(arm: SerialArm, angles_rad: ArrayLike) -> FloatArray:
