@@ -18,11 +18,12 @@ from tests.cli.chains import parked_chain
 ROOT = Path(__file__).resolve().parents[2]
 HEADING = "### From a phantom scan to a placed robot and a printed template"
 EDITED = {
-    "x = [-1100, 700]": "x = [-1100, -500]",
+    "x = [-1100, 700]": "x = [-1100, -1100]",
+    "y = [-1100, 1100]": "y = [-100, -100]",
     "z = [800, 1000]": "z = [800, 800]",
     "# x_axis = [1, 0, 0]": "x_axis = [1, 0, 0]",
 }
-"""A smaller floor of the room, and the tool's x axis, as the page says: "and edit it"."""
+"""One place of the floor, near which the session parked, and the tool's x axis, as the page says: "and edit it"."""
 
 
 def commands() -> list[list[str]]:

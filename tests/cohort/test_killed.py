@@ -18,7 +18,7 @@ SEED = 5
 SERIES = 20
 EVERY = 2
 """Series that are begun from one kill to the next."""
-MOST_S = 120.0
+MOST_S = 300.0
 RULES = Rules(rule=(CohortRule(name="all", diameters=(11.5,)),), limits=Limits(attempts=1000))
 
 
