@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import codecs
 import csv
+import io
 import re
-from collections.abc import Iterator, Sequence, Set
+from collections.abc import Sequence, Set
 from pathlib import Path
 
 from ronnaplan.errors import InputError
@@ -132,23 +133,15 @@ def split_rows(path: Path, text: str, delimiter: str) -> list[list[str]]:
     """Return the cells of each line that is not blank; raises `InputError` for what no table holds."""
     rows = []
     try:
-        for row in csv.reader(_lines(text), delimiter=delimiter):
-            if any(cell.strip() for cell in row):
+        # StringIO splits at line feeds alone, str.splitlines also at U+2028 and the like, inside a label
+        for row in csv.reader(io.StringIO(text, newline="\n"), delimiter=delimiter):
+            if any(map(str.strip, row)):
                 rows.append(row)
             if len(rows) > MOST_ROWS:
                 raise InputError(f"{path} has more than {MOST_ROWS} rows; split the recording")
     except csv.Error as error:
         raise InputError(f"{path} is not a readable table ({error}); expected CSV with a header") from error
     return rows
-
-
-def _lines(text: str) -> Iterator[str]:
-    # str.splitlines would also split at U+2028 and the like, inside a label
-    start = 0
-    while start < len(text):
-        end = text.find("\n", start) + 1 or len(text)
-        yield text[start:end]
-        start = end
 
 
 def require_table(path: Path, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -182,8 +175,8 @@ def _require_one_sign(path: Path, lengths: Sequence[int], rows: list[list[str]],
     """Raise `InputError` where lengths have points and commas: commas are decimal then, or separate thousands."""
 
     def first(sign: str) -> str:
-        cells = (cell for k in lengths for cell in held(rows, k) if sign in cell)
-        return next((cell for cell in cells if number(cell, delimiter) is not None), "")
+        cells = (row[k] for k in lengths for row in rows if k < len(row) and sign in row[k])
+        return next((cell.strip() for cell in cells if number(cell, delimiter) is not None), "")
 
     comma, point = first(","), first(".")
     if comma and point:
@@ -198,19 +191,16 @@ def _require_no_thousands(path: Path, places: Sequence[int], rows: list[list[str
 
     A sign that is decimal has another number of digits behind it now and then, or a zero or four digits before it.
     """
-
-    def numbers(is_signed: bool) -> Iterator[str]:
-        cells = (cell.strip(BLANKS) for k in places for cell in held(rows, k))
-        found = (cell for cell in cells if number(cell, delimiter) is not None)
-        return (cell for cell in found if ("." in cell or "," in cell) is is_signed)
-
-    signed = next(numbers(is_signed=True), "")
-    if not signed or not all(map(GROUPED.fullmatch, numbers(is_signed=True))):
+    written = [row[k] for k in places for row in rows if k < len(row)]
+    bare = (cell for cell in written if "." not in cell and "," not in cell)
+    whole = {cell.strip(BLANKS): value for cell in bare if (value := number(cell))}  # zero has no sign to lose
+    if not whole or not all(abs(value) < 1000.0 for value in whole.values()):
         return
-    whole = [cell for cell in numbers(is_signed=False) if number(cell) != 0.0]
-    if whole and all(abs(number(cell) or 0.0) < 1000.0 for cell in whole):
-        thousands = signed.replace(".", "").replace(",", "")
+    signs = (cell.strip(BLANKS) for cell in written if "." in cell or "," in cell)
+    signed = [cell for cell in signs if number(cell, delimiter) is not None]
+    if signed and all(map(GROUPED.fullmatch, signed)):
+        thousands = signed[0].replace(".", "").replace(",", "")
         raise InputError(
-            f"{path} holds the coordinates {signed} and {whole[0]}, so that the first may be {thousands}; expected as "
-            "many decimals in all of them, and no sign between thousands"
+            f"{path} holds the coordinates {signed[0]} and {next(iter(whole))}, so that the first may be {thousands}; "
+            "expected as many decimals in all of them, and no sign between thousands"
         )
