@@ -22,7 +22,7 @@ from ronnaplan.ct.limits import DEFAULT_LIMITS, Limits
 from ronnaplan.ct.no_dicom import is_failed_copy, why_no_dicom
 from ronnaplan.ct.progress import advancing
 from ronnaplan.ct.slices import CT_ONLY, CT_OR_MR, Instance, SliceImage, instance_from_header
-from ronnaplan.ct.stack import Stack, stacks_of
+from ronnaplan.ct.stack import LEAST_SLICES, Stack, stacks_of
 from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.errors import InputError
 from ronnaplan.text import printable
@@ -82,7 +82,8 @@ class Series:
         return self.stack.slices[0].kernel if self.stack is not None else ""
 
     def __str__(self) -> str:
-        told = ", ".join((f"{self.image_count} slices", f"'{self.first.description}'", *self.part))
+        mixed = (f"one of several {' and '.join(self.apart)}",) if self.apart else ()
+        told = ", ".join((f"{self.image_count} slices", f"'{self.first.description}'", *(self.part or mixed)))
         return f"{self.key} ({told})"
 
 
@@ -106,14 +107,24 @@ class Catalogue:
         if series_uid is not None:
             return self._named(series_uid)
         if not self.usable:
-            reasons = "; ".join(f"{one.key}: {', '.join(one.problems)}" for one in self.series[:MOST_REASONS])
-            raise InputError(f"{shown} holds no usable CT series ({reasons}); see `ronnaplan series`")
+            raise InputError(f"{shown} holds no usable CT series {self._why_none()}")
         if len(self.usable) > 1:
             raise SeveralSeriesError(
                 f"{shown} holds {len(self.usable)} usable series; choose one by its UID (--series on the command "
                 f"line): {_listed(self.usable)}"
             )
         return self.usable[0]
+
+    def _why_none(self) -> str:
+        """Say why no series can be used: by its own reasons, or as each file was given a series of its own."""
+        alone = [one for one in self.series if one.stack is not None and one.image_count == one.file_count == 1]
+        if len(alone) >= LEAST_SLICES:
+            return (
+                f"but {len(alone)} images that are each a series of its own, as of a program that gave each file "
+                "another SeriesInstanceUID; export or anonymize the scan again so that its files share one"
+            )
+        reasons = "; ".join(f"{one.key}: {', '.join(one.problems)}" for one in self.series[:MOST_REASONS])
+        return f"({reasons}); see `ronnaplan series`"
 
     def _named(self, series_uid: str) -> Series:
         named = [one for one in self.series if series_uid in (one.key, one.first.series_uid)]

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from ronnaplan.ct.catalogue import Series, find_series
+from ronnaplan.ct.catalogue import Catalogue, Series, find_series
 from ronnaplan.ct.files import DamagedError, given_path
 from ronnaplan.ct.images import is_image_file, read_image
 from ronnaplan.ct.limits import DEFAULT_LIMITS, GIB, Limits
@@ -83,6 +83,18 @@ def _read(
         volume = _without_unmeasured(read_image(path, limits, kinds))
         return _told(_judged(volume) if volume.source.modality == "CT" else volume)
     found = find_series(path, limits, kinds=kinds, progress=progress)
+    return read_found(found, series_uid, limits, progress=progress, scratch=scratch)
+
+
+def read_found(
+    found: Catalogue,
+    series_uid: str | None = None,
+    limits: Limits = DEFAULT_LIMITS,
+    *,
+    progress: bool = False,
+    scratch: Scratch | None = None,
+) -> CTVolume:
+    """Read one of the series that were ``found``; raises `InputError` like `read_ct`."""
     series = found.choose(series_uid)
     troubled = any(one.is_trouble for one in found.skipped)
     return read_series(series, limits, troubled=troubled, progress=progress, scratch=scratch)

@@ -6,26 +6,30 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ronnaplan.ct import find_series, read_ct
+from ronnaplan.ct.catalogue import find_series
+from ronnaplan.ct.reader import read_found
 from ronnaplan.errors import InputError
 
 if TYPE_CHECKING:
     from ronnaplan.ct import CTVolume
+    from ronnaplan.ct.catalogue import Catalogue
     from ronnaplan.ct.scratch import Scratch
 
 
 def read_received(folder: Path, scratch: Scratch) -> CTVolume:
     """Return the scan whose files lie in ``folder``; raises `InputError` where they are none, or several."""
     try:
-        return read_ct(folder, scratch=scratch)
+        found = find_series(folder)
+        reason = _why_not(found)
+        if reason:
+            raise InputError(reason)
+        return read_found(found, scratch=scratch)
     except InputError as error:
-        reason = _why_not(folder) or str(error)
-        raise InputError(reason.replace(f"{folder}{os.sep}", "")) from error
+        raise InputError(str(error).replace(f"{folder}{os.sep}", "")) from error
 
 
-def _why_not(folder: Path) -> str:
-    """Return what keeps the files in ``folder`` from being one scan; empty where each of them is a part of one."""
-    found = find_series(folder)
+def _why_not(found: Catalogue) -> str:
+    """Return what keeps the files that were ``found`` from being one scan; empty where there is one to be read."""
     if len(found.usable) > 1:
         apart = " and ".join(found.usable[0].apart)
         return f"it holds {len(found.usable)} scans of different {apart}; send each as a series of its own"

@@ -14,10 +14,9 @@ from typing import Any, Final
 from pynetdicom import AE, evt
 from pynetdicom.association import Association
 
-from ronnaplan.ct.header import DEFLATED_LITTLE, EXPLICIT_BIG, EXPLICIT_LITTLE, IMPLICIT_LITTLE
-from ronnaplan.ct.kinds import CT_IMAGE, ENHANCED_CT, JPEG_LOSSLESS, LEGACY_ENHANCED_CT, PLUGINS
 from ronnaplan.errors import InputError
 from ronnaplan.node.audit import Audit, Instances
+from ronnaplan.node.classes import CLASSES, COMPANIONS, SYNTAXES
 from ronnaplan.node.commitment import COMMITMENT
 from ronnaplan.node.config import ANY_ADDRESS, Config, Peer
 from ronnaplan.node.facts import Facts, read_facts
@@ -38,25 +37,8 @@ from ronnaplan.node.transport import (
 )
 
 VERIFICATION: Final = "1.2.840.10008.1.1"
-CLASSES: Final = {
-    CT_IMAGE: "CT Image",
-    ENHANCED_CT: "Enhanced CT Image",
-    LEGACY_ENHANCED_CT: "Legacy Converted Enhanced CT Image",
-    "1.2.840.10008.5.1.4.1.1.66.1": "Spatial Registration",
-    "1.2.840.10008.5.1.4.1.1.66.2": "Spatial Fiducials",
-    "1.2.840.10008.5.1.4.1.1.66.4": "Segmentation",
-    "1.2.840.10008.5.1.4.1.1.481.3": "RT Structure Set",
-}
-"""What is taken."""
-
 FOR_RECEIVERS: Final = (VERIFICATION, COMMITMENT)
 """What peers that send no scans may do."""
-
-SYNTAXES: Final = (
-    *(EXPLICIT_LITTLE, IMPLICIT_LITTLE, DEFLATED_LITTLE, EXPLICIT_BIG),
-    *sorted({*PLUGINS, *JPEG_LOSSLESS}),
-)
-"""Transfer syntaxes, the preferred one first: those whose pixels are read here."""
 
 PERMANENT, BY_USER, UNKNOWN_CALLER, UNKNOWN_CALLED = 1, 1, 3, 7
 """Codes of A-ASSOCIATE-RJ (PS3.8, 9.3.4)."""
@@ -145,7 +127,7 @@ class Receiver:
         entity.add_supported_context(PROCEDURE_STEP)
         # a receiver that reports is its provider
         entity.add_supported_context(COMMITMENT, scu_role=True, scp_role=True)
-        for sop_class in CLASSES:
+        for sop_class in (*CLASSES, *COMPANIONS):
             entity.add_supported_context(sop_class, list(SYNTAXES))
         return entity
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from ronnaplan.jobs.rules import first_fitting
+from ronnaplan.node.classes import SCANS
 from ronnaplan.node.config import Config, Rule
 from ronnaplan.node.index import Index, SeriesRow
 from ronnaplan.node.logs import Log
 
-UNRULED = """
-FROM series WHERE complete = revision
+HOLDS_SCAN = f"""EXISTS (SELECT 1 FROM instances WHERE series = series.id
+AND sop_class IN ({", ".join(f"'{one}'" for one in SCANS)}))"""
+"""Of a series; dose reports, pictures of the screen and the like are kept, and not worked on."""
+UNRULED = f"""
+FROM series WHERE complete = revision AND {HOLDS_SCAN}
 AND NOT EXISTS (SELECT 1 FROM jobs WHERE series = series.id AND jobs.revision = series.revision AND state != 'outdated')
 """
 """Series that are complete and that nothing was done with: no rule fitted, or theirs was gone and no other one did."""
@@ -56,7 +60,8 @@ class SeriesWatch:
             self._complete(series, now)
 
     def _complete(self, series: SeriesRow, now: float) -> None:
-        rule = rule_for(series, self._config.rule)
+        is_scan = self._index.rows(f"SELECT 1 FROM series WHERE id = ? AND {HOLDS_SCAN}", series.id)
+        rule = rule_for(series, self._config.rule) if is_scan else None
         with self._index.transaction():
             # only as it was looked at: an instance that came meanwhile keeps it open
             found = self._index.run(

@@ -6,10 +6,10 @@ import asyncio
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 from urllib.parse import quote
 
 from aiohttp import web
@@ -23,6 +23,9 @@ from ronnaplan.text import printable
 
 MOST_READINGS_BYTES: Final = 16 * 2**20
 """A recording of minutes has less."""
+
+LOOK_S: Final = 1.0
+"""How often it is looked whether a page still waits for what is made."""
 
 MADE: Final = {
     "report.html": ("report", "{case}"),
@@ -84,9 +87,9 @@ class Handing:
         name = request.match_info["name"]
         files = self._storage.found
         if name in MADE and self._origin is not None:
-            content = await self._made(name, self._origin)
+            content = await _while_awaited(request, self._made(name, self._origin))
         elif name in EXPORTED and EXPORTED[name][0] in files:
-            content = await self._run_on_copies(name, EXPORTED[name][1])
+            content = await _while_awaited(request, self._run_on_copies(name, EXPORTED[name][1]))
         elif name in files:
             content = files[name].read_bytes()
         else:
@@ -185,6 +188,19 @@ def _require_readings(name: str, content: bytes | bytearray) -> None:
             f"{printable(name)} holds no readings; drop a table whose first row names x, y and z, Slicer markups, or a "
             "tracker sequence"
         )
+
+
+async def _while_awaited(request: web.Request, making: Coroutine[Any, Any, bytes]) -> bytes:
+    """Return what is being made; it is given up where the page that asked for it is gone, and would hold up others."""
+    task = asyncio.ensure_future(making)
+    try:
+        while not task.done():
+            await asyncio.wait([task], timeout=LOOK_S)
+            if request.transport is None or request.transport.is_closing():
+                break
+    finally:
+        task.cancel()  # nothing to one that is done
+    return await task
 
 
 async def _run(*arguments: str) -> None:

@@ -42,6 +42,11 @@ def print_pdf(html: str) -> bytes:
     with tempfile.TemporaryDirectory(prefix="ronnaplan-") as folder:
         try:
             printed = _printed(browser, html, Path(folder))
+        except subprocess.TimeoutExpired as error:
+            raise InputError(
+                f"{browser} had not printed the report after {TIME_LIMIT_S} s, as of hundreds of trajectories or on a "
+                "busy machine; try again, or write .html and print that"
+            ) from error
         except (OSError, subprocess.SubprocessError) as error:
             raise _unprinted(browser, Path(folder)) from error
         # Chromium ends well where the disk took half of it, or nothing.

@@ -24,11 +24,14 @@ NO_NUMBER = "no frame number"
 STATUS_COLUMNS = ("status", "state")
 TRANSFORM_STATUS_COLUMNS = ("transformstatus", "transform_status")
 """By NDI and PLUS."""
-TRUTH_COLUMNS = ("valid", "visible", "seen", "usable", "tracked")
+HIDDEN_COLUMNS = ("occluded", "hidden", "invalid", "invisible")
+TRUTH_COLUMNS = ("valid", "visible", "seen", "usable", "tracked", *HIDDEN_COLUMNS)
 SEEN_COLUMNS = frozenset({*STATUS_COLUMNS, *TRANSFORM_STATUS_COLUMNS, *TRUTH_COLUMNS})
 """Columns that say whether a reading counts."""
 MEASURED = frozenset({"", "ok", "enabled", "valid", "partially_out_of_volume"})
 """What the tracker says of a tool that it sees."""
+GOOD = frozenset({OK, "okay", "good", "valid", "enabled", "tracked", "visible"})
+"""What other programs' statuses say of a reading that counts."""
 TRUE = frozenset({"true", "yes", "y", "t", "ok"})
 FALSE = frozenset({"0", "false", "no", "n", "f"})
 FORMULA = ("=", "+", "-", "@", "\t", "\r", "'")
@@ -77,12 +80,15 @@ def stated_status(row: Mapping[str, str]) -> str:
 
     >>> stated_status({"state": " Missing "}), stated_status({"valid": "0"}), stated_status({"x": "1"})
     ('missing', 'not valid', 'ok')
+    >>> stated_status({"status": "Okay"}), stated_status({"occluded": "1"}), stated_status({"occluded": "False"})
+    ('ok', 'occluded', 'ok')
     >>> stated_status({"valid": "0.0"}), stated_status({"visible": "FALSCH"}), stated_status({"visible": "4"})
     ('not valid', "visible is 'falsch', neither yes nor no", 'ok')
     >>> stated_status({"tracked": "Tracked"}), stated_status({"tracked": "lost"})
     ('ok', "tracked is 'lost', neither yes nor no")
     """
     said = [unescaped(row[name].strip()).lower() for name in STATUS_COLUMNS if row.get(name, "").strip()]
+    said = [OK if word in GOOD else word for word in said]
     said += [tool_status(row.get(name, "")) for name in TRANSFORM_STATUS_COLUMNS]
     said += [
         _said_of_truth(name, row[name].strip().lower()) for name in TRUTH_COLUMNS if row.get(name, "").strip()
@@ -102,11 +108,11 @@ def tool_status(cell: str) -> str:
 
 def _said_of_truth(name: str, word: str) -> str:
     """Return what ``word``, not empty, in a column of truth values says; other numbers count what was seen."""
-    count = number(word)
+    count, is_good = number(word), name not in HIDDEN_COLUMNS
     if word in FALSE or count == 0.0:
-        return f"not {name}"
-    if word in TRUE or word == name or (count is not None and count > 0.0):
-        return OK
+        return f"not {name}" if is_good else OK
+    if word in TRUE or word == name or count == 1.0 or (count is not None and count > 0.0 and is_good):
+        return OK if is_good else name
     return f"{name} is '{printable(word, 40)}', neither yes nor no"
 
 

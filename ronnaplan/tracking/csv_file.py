@@ -52,6 +52,8 @@ KNOWN_COLUMNS = frozenset(
         *(*QUATERNION, *POINT_NAMES, *SYSTEM_COLUMNS, *SEEN_COLUMNS),
     }
 )
+OF_POSES = {"error"}
+"""Columns that say something of a tool's pose alone."""
 LONGEST_FRAME_NAME = 64
 MOST_SHOWN = 5
 MOST_COLUMNS = 16
@@ -90,7 +92,7 @@ def read_csv(path: Path) -> Recording:
             reading = replace(reading, status=NO_NUMBER)
         tools.append(reading)
         counts[reading.tool] += 1
-    notes = passed_over(header, rows, KNOWN_COLUMNS.union(TOOL_NAMES) if tools else KNOWN_COLUMNS)
+    notes = passed_over(header, rows, KNOWN_COLUMNS.union(TOOL_NAMES) if tools else KNOWN_COLUMNS - OF_POSES)
     return Recording(str(path), tuple(points), tuple(tools), frame, notes, numbered=numbered)
 
 

@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 
 from ronnaplan.errors import check_type
 from ronnaplan.tracking.csv_file import read_csv
+from ronnaplan.tracking.fillers import flag_fillers
 from ronnaplan.tracking.matrix_csv import has_matrices, read_matrices
 from ronnaplan.tracking.ndi_csv import is_ndi, read_ndi
 from ronnaplan.tracking.recording import Recording
@@ -30,7 +31,7 @@ def read_recording(path: str | Path) -> Recording:
     """
     check_type(path, (str, Path), "the path of the readings", "give the path of a file")
     file = Path(path)
-    return READERS.get(file.suffix.lower(), TABLE).read(file)
+    return flag_fillers(READERS.get(file.suffix.lower(), TABLE).read(file))
 
 
 def may_hold_readings(name: str, beginning: bytes) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -30,6 +31,11 @@ TABLE_AXES = {"LPS": ("l", "p", "s"), "RAS": ("r", "a", "s")}
 """The columns of a table of control points, which name its coordinates."""
 LINE = "Line"
 """The type of a markup that tells a path, as trajectories go to and from Slicer: two ends, not what a tracker read."""
+LISTS = ("Fiducial", "")
+"""Types of markups whose points are places by themselves."""
+OTHERS = {LINE: "lines", "Plane": "planes", "Angle": "angles", "ROI": "boxes"}
+CURVES = "curves"
+"""What the others are called."""
 MOST_MARKUPS_BYTES = 2**26
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -99,21 +105,21 @@ def seems_markups(beginning: bytes) -> bool:
 def read_markups(path: Path) -> Recording:
     """Read the control points of the markups in ``path`` (``.mrk.json``), in LPS; undefined ones are flagged.
 
-    Lines are left out, with a note: their ends are those of paths, which no tracker read. Raises `InputError` for lines
-    alone.
+    Lines are left out, with a note, as what no tracker read: their ends are those of paths. So are planes, curves,
+    angles and boxes, which their points only span. Raises `InputError` for such alone.
     """
     markups = read_markups_file(path)
-    lists = [markup for markup in markups if markup.type != LINE]
-    lines = len(markups) - len(lists)
-    if lines and not lists:
-        raise InputError(f"{path} holds lines alone, as trajectories are kept; expected a list of points")
+    lists = [markup for markup in markups if markup.type in LISTS]
+    others = Counter(OTHERS.get(markup.type, CURVES) for markup in markups if markup.type not in LISTS)
+    if others and not lists:
+        raise InputError(f"{path} holds {' and '.join(others)} alone; expected a list of points")
     points = [
         _point(position_mm, point.label, OK if point.positionStatus == "defined" else point.positionStatus)
         for markup in lists
         for point, position_mm in zip(markup.controlPoints, markup.positions_mm, strict=True)
     ]
-    notes = (f"lines that are not read: {lines}, as trajectories are kept",) if lines else ()
-    return Recording(str(path), tuple(points), frame=SLICER, notes=notes)
+    notes = (f"{kind} that are not read: {count}" for kind, count in others.items())
+    return Recording(str(path), tuple(points), frame=SLICER, notes=tuple(notes))
 
 
 def read_fcsv(path: Path) -> Recording:

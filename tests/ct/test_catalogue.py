@@ -3,6 +3,7 @@ from pathlib import Path
 import pydicom.data
 import pytest
 from pydicom.dataset import Dataset
+from pydicom.uid import generate_uid
 
 from ronnaplan.cohort.places import Fetched
 from ronnaplan.ct import VolumeFlag, find_series, read_ct
@@ -168,3 +169,17 @@ def test_multi_byte_character_sets_are_read(tmp_path: Path) -> None:
 
     (one,) = find_series(write_series(tmp_path, change=change)).series
     assert one.first.description == "頭部"
+
+
+def test_files_that_were_each_given_a_series_are_told_as_such_and_what_to_do(tmp_path: Path) -> None:
+    """Five of hundreds of UIDs, each of one slice, told neither the cause nor the remedy."""
+
+    def own_series(made: Dataset, k: int) -> None:
+        made.SeriesInstanceUID = generate_uid()
+
+    folder = write_series(tmp_path / "ct", 8, own_series)
+    with pytest.raises(
+        InputError,
+        match=r"but 8 images that are each a series of its own, .* another SeriesInstanceUID; export or anonymize",
+    ):
+        find_series(folder).choose()

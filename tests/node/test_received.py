@@ -7,8 +7,10 @@ from pathlib import Path
 import pytest
 from pydicom.dataset import Dataset
 
+from ronnaplan.ct.catalogue import find_series
 from ronnaplan.ct.scratch import Scratch
 from ronnaplan.errors import InputError
+from ronnaplan.node import received
 from ronnaplan.node.received import read_received
 from tests.ct.makers import Change, write_series
 
@@ -45,3 +47,13 @@ def test_why_a_series_is_no_scan_is_told_without_its_folder_and_uid(
     with Scratch(tmp_path) as scratch, pytest.raises(InputError) as refusal:
         read_received(folder, scratch)
     assert str(refusal.value) == reason
+
+
+def test_a_refused_series_is_looked_through_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 10,000 slices each look takes seconds."""
+    folder = write_series(tmp_path / "1.2.3.1" / "1.2.3.2", 8, bare)
+    looked: list[Path] = []
+    monkeypatch.setattr(received, "find_series", lambda path: looked.append(path) or find_series(path))
+    with Scratch(tmp_path) as scratch, pytest.raises(InputError):
+        read_received(folder, scratch)
+    assert looked == [folder]

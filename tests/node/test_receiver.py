@@ -17,9 +17,10 @@ from pydicom.uid import UID, CTImageStorage, DeflatedExplicitVRLittleEndian, Exp
 from pynetdicom import AE, _config
 
 from ronnaplan.errors import InputError
+from ronnaplan.node.classes import CLASSES, COMPANIONS
 from ronnaplan.node.facts import read_facts
 from ronnaplan.node.logs import Log
-from ronnaplan.node.receiver import CLASSES, Receiver
+from ronnaplan.node.receiver import Receiver
 from tests.ct import makers
 from tests.node.audit_schema import conforming
 from tests.node.peers import (
@@ -66,19 +67,21 @@ def test_the_command_of_the_docs_sends_the_synthetic_scan(node: Listening) -> No
     )
 
 
-def test_every_class_that_a_scan_or_an_answer_may_be_of_is_kept(node: Listening, tmp_path: Path) -> None:
-    entity = AE("CT1")
-    for sop_class in CLASSES:
+def test_every_class_that_a_study_of_a_head_may_hold_is_kept(node: Listening, tmp_path: Path) -> None:
+    """Of a study whose dose report was refused senders gave up the scan, too."""
+    entity, classes = AE("CT1"), (*CLASSES, *COMPANIONS)
+    for sop_class in classes:
         entity.add_requested_context(sop_class)
     association = associate(entity, node.port)
-    for k, sop_class in enumerate(CLASSES):
+    for k, sop_class in enumerate(classes):
         made = makers.dataset(k)
         made.SOPClassUID = made.file_meta.MediaStorageSOPClassUID = UID(sop_class)
         made.SeriesInstanceUID = f"{makers.SERIES}.{k}"
         assert association.send_c_store(made).Status == 0, sop_class
     association.release()
-    assert sorted(dcmread(path).SOPClassUID for path in node.files()) == sorted(CLASSES)
-    assert set(CLASSES) >= {
+    assert sorted(dcmread(path).SOPClassUID for path in node.files()) == sorted(classes)
+    assert set(classes) >= {
+        *("1.2.840.10008.5.1.4.1.1.7", "1.2.840.10008.5.1.4.1.1.88.67"),  # secondary capture, dose report
         "1.2.840.10008.5.1.4.1.1.2",  # CT
         "1.2.840.10008.5.1.4.1.1.2.1",  # enhanced
         "1.2.840.10008.5.1.4.1.1.2.2",  # legacy converted

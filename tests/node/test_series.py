@@ -27,7 +27,7 @@ def facts(number: int, **changes: Any) -> Facts:
     given = {
         **{
             "sop_uid": f"1.2.{number}",
-            "sop_class": "1.2",
+            "sop_class": "1.2.840.10008.5.1.4.1.1.2",
             "study_uid": "1.3",
             "series_uid": "1.4",
             "syntax": "1.2",
@@ -109,6 +109,16 @@ def test_a_series_that_no_rule_fits_is_complete_without_a_job(index: Index, tmp_
     assert jobs(index) == []
     (series,) = index.records(SeriesRow, "FROM series")
     assert series.complete == series.revision
+
+
+def test_a_picture_of_the_dose_that_calls_itself_ct_is_no_job(index: Index, tmp_path: Path) -> None:
+    """A refused job of each study would hide those that a person has to see."""
+    watched = watch(index, tmp_path)
+    add(index, 0, 100.0, sop_class="1.2.840.10008.5.1.4.1.1.7")
+    watched.tick(120.0)
+    watch(index, tmp_path).tick(140.0)
+    assert jobs(index) == []
+    assert index.rows("SELECT complete = revision FROM series") == [(1,)]
 
 
 def test_a_series_that_no_rule_fitted_is_worked_on_once_one_does(index: Index, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import errno
 import itertools
 import json
@@ -114,6 +115,29 @@ def test_why_a_file_cannot_be_made_is_told_without_the_command_s_name(storage: S
             assert refused.status == HTTPStatus.UNPROCESSABLE_ENTITY
             assert (await refused.text()).startswith(f"there is no file or folder {origin.ct}")
 
+    run(asked())
+
+
+def test_what_a_page_no_longer_waits_for_is_given_up(storage: Storage, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One file is made at a time: a report of minutes that nobody waits for held up all others."""
+    given_up = asyncio.Event()
+
+    async def make(*_: str) -> None:
+        try:
+            await asyncio.sleep(60.0)
+        finally:
+            given_up.set()
+
+    async def asked() -> None:
+        application = web.Application()
+        application.add_routes(Handing(storage, Origin(cases.CT), lambda: None, lambda: None).routes())
+        async with TestClient(TestServer(application)) as client:
+            with pytest.raises(asyncio.TimeoutError):
+                await asyncio.wait_for(client.get("/download/report.html"), 0.3)
+            await asyncio.wait_for(given_up.wait(), 30.0)
+
+    monkeypatch.setattr(handing, "LOOK_S", 0.01)
+    monkeypatch.setattr(handing, "_run", make)
     run(asked())
 
 

@@ -7,6 +7,7 @@ import errno
 import hashlib
 import json
 import re
+import subprocess
 from dataclasses import replace
 from html import unescape
 from pathlib import Path
@@ -339,6 +340,18 @@ def test_the_page_is_printed_as_pdf(printed: bytes) -> None:
 def test_without_a_browser_a_pdf_is_refused_with_the_way_out(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ronnaplan.report.pdf.BROWSERS", ())
     with pytest.raises(InputError, match=r"write \.html instead"):
+        print_pdf("<p>")
+
+
+def test_a_browser_that_takes_too_long_is_told_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
+    def printing(command: list[str], *, timeout: float, **_: Any) -> None:
+        raise subprocess.TimeoutExpired(command, timeout)
+
+    monkeypatch.setattr("ronnaplan.report.pdf.find_browser", lambda: "chromium")
+    monkeypatch.setattr("ronnaplan.report.pdf.subprocess.run", printing)
+    with pytest.raises(
+        InputError, match=r"had not printed the report after 120 s, .*; try again, or write \.html"
+    ):
         print_pdf("<p>")
 
 

@@ -381,3 +381,11 @@ def test_text_of_another_encoding_is_told_how_to_save_it(tmp_path: Path) -> None
     (tmp_path / "t.csv").write_bytes("label,x,y,z\nZähler,1,2,3\n".encode("cp1252"))
     with pytest.raises(InputError, match=r"is not a text file in UTF-8, .* save them as 'CSV UTF-8'"):
         read_recording(tmp_path / "t.csv")
+
+
+def test_what_other_programs_call_seen_and_hidden_is_heard(tmp_path: Path) -> None:
+    """NDI's Okay was flagged as a fault, and an occluded reading was taken for a place."""
+    text = "label,x,y,z,status,occluded,error\nA,1,2,3,Okay,0,9\nB,4,5,6,good,TRUE,9\nC,7,8,9,Missing,0,9\n"
+    recording = read_recording(written(tmp_path, "r.csv", text))
+    assert [one.status for one in recording.points] == ["ok", "occluded", "missing"]
+    assert recording.notes == ("columns that are not read: error",)

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from ronnaplan.errors import InputError
-from ronnaplan.tracking import read_recording
+from ronnaplan.tracking import find_markers, read_recording
+from ronnaplan.tracking.told import readings_told
 from tests.tracking.files import written
 
 
@@ -21,7 +22,7 @@ from tests.tracking.files import written
         (
             "m.mrk.json",
             '{"markups": [{"type": "Line", "coordinateSystem": "LPS", "controlPoints": []}]}',
-            "holds lines alone, as trajectories are kept; expected a list of points",
+            "holds lines alone; expected a list of points",
         ),
         ("m.mrk.json", '{"markups": [{"controlPoints": []}]}', r"markups\.0\.coordinateSystem: Field required"),
         ("m.fcsv", "1,2,3,4\n", "header"),
@@ -77,3 +78,34 @@ def test_a_pose_without_a_number_among_numbered_ones_is_flagged(tmp_path: Path, 
     assert (seen.frame, seen.status) == (7, "ok")
     assert unnumbered.status == "no frame number"
     assert (none.frame, none.status.startswith("no pose")) == (9, True)
+
+
+@pytest.mark.parametrize("label", ["A", ""])
+@pytest.mark.parametrize("unseen", range(1, 10, 2))
+@pytest.mark.parametrize("filler", ["0,0,0", "-9999.0,-9999.0,-9999.0"])
+def test_what_is_filled_in_for_a_marker_that_is_not_seen_is_no_place(
+    tmp_path: Path, filler: str, unseen: int, label: str
+) -> None:
+    """Where most frames held it the marker stood there, and nothing said so."""
+    rows = [f"{k},{label},{filler if k < unseen else f'55.0{k},30.1,-1050.2'}\n" for k in range(10)]
+    rows += [f"{k},{label and 'B'},-60.0{k},20.0,-1040.0\n" for k in range(10)]
+    path = tmp_path / "readings.csv"
+    path.write_text("frame,label,x,y,z\n" + "".join(rows))
+    recording = read_recording(path)
+    found = find_markers(recording)
+    seen = {round(float(marker.position_mm[0])) for marker in found.markers}
+    assert seen == ({55, -60} if label or unseen <= 5 else {-60})
+    filled = [
+        one for one in recording.points if one.status.endswith("as is filled in for a marker that is not seen")
+    ]
+    assert len(filled) == (unseen if unseen > 1 else 0), "one alone is an outlier"
+    assert any("filled in" in note for note in readings_told(recording, found)) is (unseen > 1)
+
+
+def test_a_marker_may_be_the_origin(tmp_path: Path) -> None:
+    path = tmp_path / "readings.csv"
+    rows = [f"{k},{x}\n" for k in range(5) for x in ("0,0,0", f"55.0{k},30.1,0")]
+    path.write_text("frame,x,y,z\n" + "".join(rows))
+    assert all(one.usable for one in read_recording(path).points)
+    path.write_text("label,x,y,z\nA,0,0,0\nB,50,0,0\n")
+    assert all(one.usable for one in read_recording(path).points)

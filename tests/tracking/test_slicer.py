@@ -30,14 +30,17 @@ def test_slicer_markups_are_read_in_lps(tmp_path: Path, system: str, sign: int) 
     assert recording.points[0].label == "F-1"
 
 
-def test_lines_beside_a_list_of_points_are_left_out_and_told(tmp_path: Path) -> None:
-    """The ends of a trajectory were two markers more."""
+@pytest.mark.parametrize(
+    ("kind", "called"), [("Line", "lines"), ("Plane", "planes"), ("ROI", "boxes"), ("ClosedCurve", "curves")]
+)
+def test_what_is_no_list_of_points_is_left_out_and_told(tmp_path: Path, kind: str, called: str) -> None:
+    """The ends of a trajectory were two markers more, and so were the corners of a plane."""
     ends = [{"label": "L-1", "position": [7, 8, 9]}, {"label": "L-2", "position": [70, 8, 9]}]
     document = json.loads(MARKUPS)
-    document["markups"].append({"type": "Line", "coordinateSystem": "LPS", "controlPoints": ends})
+    document["markups"].append({"type": kind, "coordinateSystem": "LPS", "controlPoints": ends})
     recording = read_recording(written(tmp_path, "m.mrk.json", json.dumps(document)))
     assert [one.label for one in recording.points] == ["F"]
-    assert recording.notes == ("lines that are not read: 1, as trajectories are kept",)
+    assert recording.notes == (f"{called} that are not read: 1",)
 
 
 def test_what_slicer_saves_is_not_in_the_trackers_own_frame(tmp_path: Path) -> None:

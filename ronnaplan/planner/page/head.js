@@ -2,9 +2,11 @@
 (() => {
   const SLOWEST_MS = 150, TIMED = 5; // a frame that takes longer is drawn sooner by the server
   const AT_ONCE = 50; // of hundreds of things one by one each would wait for the one before
-  const ASK_AGAIN_MS = 1000; // after this what did not come is asked for again, as where the network changed meanwhile
+  // What did not come is asked for again, as where the network changed meanwhile: soon at first, and ever more rarely.
+  const ASK_AGAIN_MS = 1000, ASK_RARELY_MS = 30000;
   const things = new Map(), pictures = {};
   let viewer = null, slow = null, timed = [], loading = 0; // slow: a viewer that was found to be
+  let askAgainMs = ASK_AGAIN_MS;
 
   function begin(canvas) {
     viewer = window.ronnaplanViewer(canvas);
@@ -46,9 +48,14 @@
   async function fetched(address, read) {
     try {
       const answer = await fetch(address);
-      if (answer.ok) return await read(answer);
+      if (answer.ok) {
+        const content = await read(answer);
+        askAgainMs = ASK_AGAIN_MS;
+        return content;
+      }
     } catch {} // asked again, as after an answer that is none
-    await new Promise((resolve) => setTimeout(resolve, ASK_AGAIN_MS));
+    await new Promise((resolve) => setTimeout(resolve, askAgainMs));
+    askAgainMs = Math.min(2 * askAgainMs, ASK_RARELY_MS);
     return null;
   }
   async function load(canvas, listed) {
