@@ -112,7 +112,7 @@ def images_of(instance: Instance) -> list[SliceImage]:
     reason = _why_not_pixels(pixels)
     if reason is not None:
         raise DamagedError(reason)
-    if tags.MODALITY_LUT_SEQUENCE in instance.elements:
+    if instance.elements.get(tags.MODALITY_LUT_SEQUENCE):  # empty as some programs leave it, it says nothing
         raise DamagedError("its values need a modality LUT, not a rescale slope and intercept")
     facts = _facts_of_frames(instance, pixels)
     images = [_image(instance, pixels, frame, each) for frame, each in enumerate(facts)]

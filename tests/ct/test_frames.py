@@ -92,6 +92,14 @@ def test_images_that_are_not_plain_hu_slices_are_refused_by_name(
         read_ct(write_series(tmp_path, change=change))
 
 
+def test_a_modality_lut_that_some_program_left_empty_is_none(tmp_path: Path) -> None:
+    write_series(tmp_path, change=lambda made, k: setattr(made, "ModalityLUTSequence", []))
+    assert read_ct(tmp_path).voxels_hu[0, 0, 0] == -1024
+    write_series(tmp_path, change=lambda made, k: setattr(made, "ModalityLUTSequence", [Dataset()]))
+    with pytest.raises(InputError, match="its values need a modality LUT"):
+        read_ct(tmp_path)
+
+
 def test_one_damaged_slice_makes_its_series_unusable_rather_than_shorter(tmp_path: Path) -> None:
     write_series(tmp_path, change=lambda made, k: delattr(made, "RescaleSlope") if k == 3 else None)
     with pytest.raises(InputError, match=r"1 of 4 files \(\S+\): it has no rescale slope"):
