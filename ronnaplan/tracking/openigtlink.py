@@ -13,6 +13,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 from ronnaplan.errors import InputError
+from ronnaplan.tracking.fillers import flag_fillers
 from ronnaplan.tracking.igtl_messages import Stream
 from ronnaplan.tracking.recording import PointReading, Recording, StreamEnd, ToolReading
 
@@ -139,12 +140,14 @@ def record(host: str, port: int = DEFAULT_PORT, *, seconds: float = 5.0) -> Reco
     if not stream.messages:
         why = "; ".join([*told, *stream.passed_over, *stream.notes])
         raise InputError(f"{host}:{port} sent no readable message in {seconds:g} s{f' ({why})' if why else ''}")
-    return Recording(
-        f"openigtlink://{host}:{port}",
-        tuple(stream.points),
-        tuple(stream.tools),
-        notes=(*stream.notes, *told),
-        end=end.why if end else None,
+    return flag_fillers(
+        Recording(
+            f"openigtlink://{host}:{port}",
+            tuple(stream.points),
+            tuple(stream.tools),
+            notes=(*stream.notes, *told),
+            end=end.why if end else None,
+        )
     )
 
 

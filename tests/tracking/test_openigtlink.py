@@ -101,6 +101,15 @@ def test_every_message_of_a_burst_is_kept_however_the_bytes_are_cut() -> None:
     assert recording.points[0].time_s == pytest.approx(12.5)
 
 
+def test_what_a_program_fills_in_for_a_marker_that_is_not_seen_is_no_place_of_a_stream_either() -> None:
+    sent = [points([[5.0, 6.0, -900.0 + k], [0.0, 0.0, 0.0] if k < 6 else [4.0, 5.0, -1001.0]]) for k in range(9)]
+    with server(sent, hold=False) as port:
+        recording = record("127.0.0.1", port, seconds=3.0)
+    named = [one for one in recording.points if one.label == "A"]
+    assert [one.usable for one in named] == [False] * 6 + [True] * 3
+    assert named[0].status == "0, 0, 0, as is filled in for a marker that is not seen"
+
+
 def test_a_pose_that_is_none_is_kept_flagged() -> None:
     with server(
         [pose(np.diag([-1.0, 1, 1, 1])), pose(np.full((4, 4), np.nan)), pose(np.eye(4)), pose(AWAY)], hold=False
