@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pydicom.dataset import Dataset
 
-from ronnaplan.ct.catalogue import find_series
+from ronnaplan.ct import catalogue
+from ronnaplan.ct.folders import blobs_below
 from ronnaplan.ct.scratch import Scratch
 from ronnaplan.errors import InputError
-from ronnaplan.node import received
 from ronnaplan.node.received import read_received
 from tests.ct.makers import Change, write_series
 
@@ -53,7 +54,12 @@ def test_a_refused_series_is_looked_through_once(tmp_path: Path, monkeypatch: py
     """Of 10,000 slices each look takes seconds."""
     folder = write_series(tmp_path / "1.2.3.1" / "1.2.3.2", 8, bare)
     looked: list[Path] = []
-    monkeypatch.setattr(received, "find_series", lambda path: looked.append(path) or find_series(path))
+
+    def below(path: Path, *given: Any) -> Any:
+        looked.append(path)
+        return blobs_below(path, *given)
+
+    monkeypatch.setattr(catalogue, "blobs_below", below)
     with Scratch(tmp_path) as scratch, pytest.raises(InputError):
         read_received(folder, scratch)
     assert looked == [folder]
