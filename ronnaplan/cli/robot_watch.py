@@ -10,7 +10,7 @@ from ronnaplan.cli import GIVEN
 from ronnaplan.cli.case_options import with_server, with_sigma_ots
 from ronnaplan.cli.output import ended_gently, tell, warn
 from ronnaplan.cli.robot_options import rms, with_output, with_robot_sigmas, with_sigma_geometry, with_tool
-from ronnaplan.cli.values import seconds
+from ronnaplan.cli.values import seconds, wait
 
 if TYPE_CHECKING:
     from ronnaplan.documents.chain import ChainDocument
@@ -38,6 +38,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     with_server(parser)
     parser.add_argument("--seconds", type=seconds, default=3600.0, help="how long to watch (default %(default)s)")
     parser.add_argument(
+        "--rejoin",
+        type=wait,
+        default=60.0,
+        metavar="S",
+        help="how long a server that went away is tried again; 0: not at all (default %(default)s)",
+    )
+    parser.add_argument(
         "--every", type=seconds, default=0.5, metavar="S", help="length of a moment (default %(default)s)"
     )
     with_sigma_ots(parser)
@@ -52,8 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.chain import read_chain
     from ronnaplan.documents.files import GrowingFile
     from ronnaplan.errors import UsageError
-    from ronnaplan.robot.live import LiveStatus, unseen
-    from ronnaplan.tracking.openigtlink import moments
+    from ronnaplan.robot.live import LiveStatus
+    from ronnaplan.tracking.openigtlink import rejoined_moments
 
     idle = [name for name in ("sigma_robot", "sigma_robot_deg") if name in vars(arguments).get(GIVEN, ())]
     if idle and arguments.robot_device is None:
@@ -63,18 +70,19 @@ def run(arguments: argparse.Namespace) -> int:
     live = _live(arguments, chain)
     last = None
     try:
-        for recording in moments(
+        for recording in rejoined_moments(
             arguments.host,
             arguments.port,
             every_s=arguments.every,
             seconds=arguments.seconds,
             resting=() if arguments.robot_device is None else (arguments.robot_device,),
+            rejoin_s=arguments.rejoin,
         ):
             warn(*recording.notes)
             ended = recording.end is not None
             if not ended and not recording.points and not recording.tools and last is not None:
                 continue  # the time is up, and what the last whole moment told still stands
-            moment = unseen(recording.notes[-1]) if ended else live.judge(recording)
+            moment = live.judge(recording)
             if last is None or moment.status is not last.status:
                 tell(_sentence(moment, chain))
             last = moment

@@ -32,6 +32,11 @@ def seconds(text: str) -> float:
     return value
 
 
+def wait(text: str) -> float:
+    """Return how long something is waited for, which may be not at all."""
+    return 0.0 if plain_number(text) == 0 else seconds(text)
+
+
 def number(text: str) -> float:
     """Return a number, written with digits and a point."""
     value = plain_number(text)

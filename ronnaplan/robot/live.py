@@ -71,8 +71,7 @@ class Moment:
     """What was missing."""
 
 
-def unseen(why: str) -> Moment:
-    """Return what is to be said when nothing comes any more, whatever was said last."""
+def _unseen(why: str) -> Moment:
     return Moment(LiveStatus.UNSEEN, None, None, None, why)
 
 
@@ -103,11 +102,18 @@ class LiveChain:
         self._showing: set[str] = set()
 
     def judge(self, recording: Recording) -> Moment:
-        """Return what the readings of one moment tell of head and robot."""
+        """Return what the readings of one moment tell of head and robot.
+
+        Where they are a stream's last nothing is known, whatever was said before; what is joined again may have devices
+        of other names.
+        """
+        if recording.end is not None:
+            self._showing.clear()
+            return _unseen(recording.notes[-1])
         try:
             seen = self._seen_head(recording)
         except InputError as error:  # more readings than a tracker makes, or more devices than one
-            return unseen(str(error))
+            return _unseen(str(error))
         head = check_drift(self.head, seen) if seen is not None else None
         try:
             capture = self._capture(recording)

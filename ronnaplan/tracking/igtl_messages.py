@@ -18,7 +18,7 @@ from pyigtl.messages import CRC64
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.text import printable
-from ronnaplan.tracking.delays import Delays
+from ronnaplan.tracking.clocks import Clocks
 from ronnaplan.tracking.igtl_bodies import (
     PLACE_BYTES,
     POINT_ITEM,
@@ -42,8 +42,6 @@ from ronnaplan.tracking.recording import (
 
 REPEATED = "repeated to the last digit: its device sends nothing new"
 """Status of a good reading whose device has long sent the same: it is of a moment that is over."""
-LATE = "late: it took longer from its own time until it was looked at than others of its device before"
-"""Status of a good reading of a stream that falls behind, as of a slow sender, network or computer: it is over, too."""
 MOST_READINGS = 1_000_000
 """A recording that holds more (0.8 GB of memory) is ended: half a day of one tool at 20 Hz."""
 MOST_NAMES = 1000
@@ -58,7 +56,8 @@ class Stream:
     Where a device goes on sending, but the same with the same time for ``silence_s``, its readings are flagged. With
     ``resting`` they are whatever its time, but for the devices of these names: what a tracker reads is never the same
     twice, to the last digit, so that this is a copy under a new time; a robot at rest tells the same. So are, then,
-    readings that come more than ``silence_s`` later after their own time than the quickest of their device did.
+    readings that come more than ``silence_s`` later after their own time than the quickest of their device did; a time
+    that never was another one counts as none.
     """
 
     def __init__(self, silence_s: float, resting: Collection[str] | None = None) -> None:
@@ -77,7 +76,8 @@ class Stream:
         self._roundings = Roundings()
         self._buffer = bytearray()
         self._next: Message | None = None
-        self._delays = Delays()
+        self.clocks = Clocks(silence_s)
+        """Of what is watched."""
         self._point_frames = 0
         self._tool_frames: Counter[str] = Counter()
         self._told_by: dict[str, tuple[str, float]] = {}
@@ -154,6 +154,10 @@ class Stream:
             self._left_out[f"{what} failed their checksum and were left out"] += 1
             return
         points, tools = len(self.points), len(self.tools)
+        over = None
+        if self._resting is not None and message.time_s > 0:
+            over = self.clocks.heard(what, message.time_s, time.monotonic())
+            message = replace(message, time_s=0.0) if what in self.clocks.none else message
         try:
             unpack[message.kind](message, body)
         except (ValueError, struct.error) as error:
@@ -164,15 +168,9 @@ class Stream:
         places = b"".join(one.position_mm.tobytes() for one in self.points[points:])
         if places and self._is_repeated(message, "", places):
             self.points[points:] = flagged(self.points[points:], REPEATED)
-        if self._is_late(message):
-            self.points[points:] = flagged(self.points[points:], LATE)
-            self.tools[tools:] = flagged(self.tools[tools:], LATE)
-
-    def _is_late(self, message: Message) -> bool:
-        """Whether a message that is watched comes so late that something may have moved since."""
-        if self._resting is None or message.time_s <= 0:
-            return False
-        return self._delays.grown_s(message.device, message.time_s, time.monotonic()) > self._silence_s
+        if over is not None:
+            self.points[points:] = flagged(self.points[points:], over)
+            self.tools[tools:] = flagged(self.tools[tools:], over)
 
     def _marked(self, one: ToolReading, message: Message) -> ToolReading:
         """Return a reading, flagged where its tool has long been the same: others of its message may be new.

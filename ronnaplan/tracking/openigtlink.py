@@ -10,7 +10,7 @@ import socket
 import threading
 import time
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ronnaplan.errors import InputError
 from ronnaplan.tracking.fillers import flag_fillers
@@ -22,6 +22,10 @@ CONNECT_S = 5.0
 """A server that is there answers within this, its name's look-up included."""
 SILENCE_S = 2.0
 """Without a message for this long, the stream is said to have stopped, and a device without a new one is not seen."""
+LEAP_S = 0.5
+"""A device's time that goes back by more was set back; by less, messages may have overtaken each other."""
+PAUSE_S, LONGEST_PAUSE_S = 0.5, 8.0
+"""A server that is gone is tried again after so long at first, and at last."""
 LONGEST_S = 86_400.0
 """No recording takes longer than a day."""
 POLL_S = 0.1
@@ -50,41 +54,89 @@ def moments(
     """Yield what a server at ``host`` sends in every ``every_s`` of its own time, for up to ``seconds`` of ours.
 
     A message that states no time counts as of its arrival. The last recording says why the stream ended before the
-    time was up, if it did; a stream whose own time stands still, or a device's leaps back by more than ``every_s``, has
-    ended. Where the time is up, a moment that had only begun is left out: of its last frame there may be the points and
-    not yet the tools. Readings that a device repeats are flagged, as `Stream` does with ``resting``. Raises
-    `InputError` if no server answers.
+    time was up, if it did; a stream whose own time stands still, or a device's leaps back by more than ``every_s``, or
+    `LEAP_S`, has ended. Where the time is up, a moment that had only begun is left out: of its last frame there may be
+    the points and not yet the tools. Readings that a device repeats are flagged, as `Stream` does with ``resting``.
+    Raises `InputError` if no server answers.
     """
     stream, until = Stream(SILENCE_S, resting), time.monotonic() + seconds
     source, cut, told = f"openigtlink://{host}:{port}", _Moments(every_s), False
     with _connected(host, port) as connection:
         connection.settimeout(POLL_S)
         end, count, heard_s, told_s = None, 0, time.monotonic(), time.monotonic()
+        said: list[str] = []
         while end is None and time.monotonic() < until:
             end = _receive(connection, stream, min(until, time.monotonic() + POLL_S))
             now = time.monotonic()
             if stream.messages > count:
                 count, heard_s = stream.messages, now
-            for points, tools in cut.add(*stream.taken()):
-                yield Recording(source, points, tools)
-                told, told_s = True, time.monotonic()
-            if end is None and stream.leapt_s > every_s:
+            if stream.leapt_s > min(every_s, LEAP_S):  # a moment would be of both times
                 end = _stopped(f"its own time leapt back by {stream.leapt_s:.1f} s after {count} messages")
-            elif end is None and now - heard_s > SILENCE_S:
+                break
+            untold = [note for note in stream.clocks.notes if note not in said]
+            for points, tools in cut.add(*stream.taken()):
+                yield Recording(source, points, tools, notes=tuple(untold))
+                said, untold = [*said, *untold], []
+                told, told_s = True, time.monotonic()
+            if end is None and now - heard_s > SILENCE_S:
                 end = _silent(count)
-            elif end is None and now - told_s > every_s + SILENCE_S:
+            elif end is None and now - told_s > every_s + SILENCE_S and not untold:
                 end = _stopped(f"its own time stands still after {count} messages")
     notes = (*stream.notes, *([end.note] if end else []))
     points, tools = ((), ()) if told and end is None else cut.rest()
     yield Recording(source, points, tools, notes=notes, end=end.why if end else None)
 
 
+def rejoined_moments(
+    host: str,
+    port: int = DEFAULT_PORT,
+    *,
+    every_s: float,
+    seconds: float,
+    resting: Collection[str] | None = None,
+    rejoin_s: float,
+) -> Iterator[Recording]:
+    """Yield `moments`, and join the server again where its stream ends before the time is up.
+
+    That is tried after `PAUSE_S`, and after twice as long each time up to `LONGEST_PAUSE_S`, until there was no moment
+    for ``rejoin_s``. Each end is told; clocks and what a device said before it count no more.
+    """
+    until, pause_s, joined = time.monotonic() + seconds, PAUSE_S, False
+    tried_until = time.monotonic() + rejoin_s
+    while True:
+        try:
+            for recording in moments(
+                host, port, every_s=every_s, seconds=until - time.monotonic(), resting=resting
+            ):
+                joined = True
+                if recording.end is None:
+                    yield recording
+                    pause_s, tried_until = PAUSE_S, time.monotonic() + rejoin_s
+                else:
+                    again = f"; it is tried again for {rejoin_s:g} s" if rejoin_s else ""
+                    yield replace(recording, notes=(*recording.notes[:-1], f"{recording.notes[-1]}{again}"))
+            if recording.end is None:
+                return
+        except InputError:
+            if not joined:
+                raise
+        if time.monotonic() + pause_s > min(until, tried_until):
+            return
+        time.sleep(pause_s)
+        pause_s = min(2 * pause_s, LONGEST_PAUSE_S)
+
+
 class _Moments:
-    """Shares readings out among moments of equal length, by their own time."""
+    """Shares readings out among moments of equal length, by their own time.
+
+    Those that state none are of the newest time that others stated, and what has gone by since they did.
+    """
 
     def __init__(self, every_s: float) -> None:
         self._every_s = every_s
         self._end_s: float | None = None
+        self._ahead_s = 0.0
+        """Of this computer's clock."""
         self._waiting: list[tuple[float, PointReading | ToolReading]] = []
 
     def add(
@@ -93,7 +145,8 @@ class _Moments:
         """Take readings and yield those of each moment that is over."""
         now = time.time()
         readings: list[PointReading | ToolReading] = [*points, *tools]
-        self._waiting += [(one.time_s if one.time_s > 0 else now, one) for one in readings]
+        self._ahead_s = max((one.time_s - now for one in readings if one.time_s > 0), default=self._ahead_s)
+        self._waiting += [(one.time_s if one.time_s > 0 else now + self._ahead_s, one) for one in readings]
         while self._waiting:
             if self._end_s is None:
                 self._end_s = min(at for at, _ in self._waiting) + self._every_s

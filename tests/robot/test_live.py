@@ -210,6 +210,7 @@ def watched(
             f"--sigma-ots={READING_SD_MM}",
             f"--port={listener.getsockname()[1]}",
             f"--output={out}",
+            *([] if any(one.startswith("--rejoin") for one in options) else ["--rejoin=0"]),
             *options,
         ]
         status = main(["robot", "watch", *told])
@@ -309,6 +310,25 @@ def test_no_pose_is_valid_once_the_stream_falls_behind(
     rows = [json.loads(line) for line in out.read_text().splitlines()]
     assert statuses(out) == ["valid", "unseen"]
     assert "readings say 'late: it took longer" in rows[-2]["why"]
+
+
+def test_a_server_that_was_restarted_is_joined_again_and_nothing_is_valid_meanwhile(
+    room: LiveRoom, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With its clock set back, and its devices called otherwise."""
+    monkeypatch.setattr(openigtlink, "SILENCE_S", 0.2)
+    monkeypatch.setattr(openigtlink, "PAUSE_S", 0.05)
+
+    def send(listener: socket.socket) -> None:
+        for start_s, called in ((1e9, b"head"), (1e9 - 3, b"skin")):
+            connection, _ = listener.accept()
+            with connection:
+                for frame in range(round(RATE_HZ)):
+                    for message in room.messages(start_s + frame / RATE_HZ):
+                        connection.sendall(message.replace(b"head", called))
+
+    _, out = watched(room, tmp_path, send, "--rejoin=0.3", "--seconds=30")
+    assert statuses(out) == ["valid", "unseen", "valid", "unseen"]
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from pyigtl.messages import CRC64
 from ronnaplan.errors import InputError
 from ronnaplan.tracking import find_markers, igtl_messages, openigtlink
 from ronnaplan.tracking.igtl_messages import Stream
-from ronnaplan.tracking.openigtlink import moments, record
+from ronnaplan.tracking.openigtlink import moments, record, rejoined_moments
 from ronnaplan.tracking.recording import StreamEnd
 from tests.tracking.files import AWAY
 from tests.tracking.streams import named
@@ -197,6 +197,56 @@ def test_a_device_whose_clock_lags_for_good_is_no_leap(message: Callable[[float]
     with server([one for pair in zip(frames, late, strict=True) for one in pair]) as port:
         *_, last = moments("127.0.0.1", port, every_s=0.1, seconds=1.0)
     assert last.end is None
+
+
+@pytest.mark.parametrize(
+    ("times_s", "told"),
+    [
+        ([5.0] * 9, [""] * 9),  # never set: of no time
+        ([4.0, *[5.0] * 8], [*[""] * 4, *["of a time that stands still"] * 5]),
+    ],
+)
+def test_a_robot_whose_time_was_never_another_one_states_none(
+    times_s: list[float], told: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was late from two seconds on, for good, and nothing ever valid."""
+    stream, why = Stream(2.0, resting=("Robot",)), []
+    for second, time_s in enumerate(times_s):
+        monkeypatch.setattr(time, "monotonic", lambda now=50.0 + second: now)
+        moved = AWAY.copy()
+        moved[0, 3] += 0.1 * second
+        stream.feed(pyigtl.TransformMessage(moved, device_name="Robot", timestamp=time_s).pack())
+        (one,) = stream.taken()[1]
+        why.append("" if one.usable else one.status)
+    assert [said.split(",")[0] for said in why] == told
+    assert bool(stream.clocks.notes) == (not any(told))
+    assert all("state the time 5 in all of them, which is none" in note for note in stream.clocks.notes)
+
+
+def test_a_stream_that_is_restarted_is_joined_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its end is told; its clock may be another one (set back, say), and it may be away for a while."""
+    monkeypatch.setattr(openigtlink, "PAUSE_S", 0.05)
+    listener = socket.create_server(("127.0.0.1", 0))
+    port = listener.getsockname()[1]
+
+    def serve() -> None:
+        on = listener
+        for start_s, away_s in ((1e9, 0.12), (1e9 - 3, 0.0)):
+            connection, _ = on.accept()
+            with connection:
+                for frame in range(5):
+                    connection.sendall(points(time_s=start_s + 0.05 * frame))
+            on.close()
+            if away_s:
+                time.sleep(away_s)
+                on = socket.create_server(("127.0.0.1", port))
+
+    thread = threading.Thread(target=serve, daemon=True)
+    thread.start()
+    told = list(rejoined_moments("127.0.0.1", port, every_s=0.1, seconds=10, rejoin_s=0.3))
+    thread.join(10)
+    assert [one.end for one in told] == [None, None, StreamEnd.CLOSED] * 2
+    assert told[2].notes[-1] == "the server closed the stream after 5 messages; it is tried again for 0.3 s"
 
 
 @pytest.mark.parametrize("message", [pose_of_robot, lambda time_s: points(time_s=time_s)])
