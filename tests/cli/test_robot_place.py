@@ -97,6 +97,14 @@ def test_a_place_is_found_and_checked_after_parking(
     (tmp_path / "chain.json").write_text(json.dumps(chain))
     assert main([*case, "--chain", str(tmp_path / "chain.json"), "-o", str(output)]) == 1
     assert "the robot's base is tilted by 180 degrees" in capsys.readouterr().err
+    in_m = np.array(found.robot_from_ct[0].r_from_ct)
+    in_m[:3, 3] /= 1000
+    chain["robot_from_ct"]["matrix"] = in_m.tolist()
+    (tmp_path / "chain.json").write_text(json.dumps(chain))
+    assert main([*case, "--chain", str(tmp_path / "chain.json"), "-o", str(output)]) == 1
+    assert (
+        "mm from the robot's, as if it were in m; expected mm" in capsys.readouterr().err
+    )  # not what blocks there
     chain["source"]["frame_of_reference_uid"] = "1.2.3"
     (tmp_path / "chain.json").write_text(json.dumps(chain))
     assert main([*case, "--chain", str(tmp_path / "chain.json"), "-o", str(output)]) == 1

@@ -23,6 +23,8 @@ TRACKER_APART_MM = 300.0
 """A tracker that was measured with a tape is nearer than this to where the registration puts it."""
 LARGEST_TILT_DEG = 10.0
 """Of a measured base: a trolley stands upright, and a head in its holder lies as told to within this."""
+LEAST_APART_MM = 5.0
+"""A scan's origin lies farther from its robot's base; as near it would look in m."""
 SURE_SDS = 2.0
 """Clearances hold where the measured base errs by less than they are, in so many standard deviations."""
 MARKER_RADIUS_MM = 6.0
@@ -105,6 +107,11 @@ class Job:
             raise InputError(
                 f"the robot's base is tilted by {tilt_deg:.0f} degrees in the room; expected {LARGEST_TILT_DEG:g} or "
                 "less: check the head's anterior and superior in the room, and that R's z axis points up"
+            )
+        if (apart_mm := float(np.linalg.norm(robot_from_ct.translation_mm))) < LEAST_APART_MM:
+            raise InputError(
+                f"the chain puts the scan's origin {apart_mm:.3f} mm from the robot's, as if it were in m; expected "
+                "mm: make it anew from recordings in mm"
             )
         return base
 

@@ -17,6 +17,8 @@ from ronnaplan.registration.registration import Registration
 FEWEST_FOR_SHIFT = 2
 """On either side of a movement; of one marker alone that stands otherwise none is told, as it may be loose."""
 FEWEST_FOR_TURN = 3
+FEWEST_FOR_MAJORITY = 5
+"""Of so many markers the others outvote two that stand otherwise; two against two leave nobody to believe."""
 LARGEST = np.array([0.1, 0.1, 0.1, 10.0, 10.0, 10.0])
 """Standard deviations of a movement's rotation (rad) and translation (mm): they hold what a layout does not tell."""
 
@@ -33,11 +35,9 @@ def explanations(
     chance = fit.fit_probability
     if chance is None or chance >= DRIFT_PROBABILITY:
         return []
-    places = transform_points(fit.transform, fit.moving_mm)
-    motion = point_jacobian(places - places.mean(axis=0))
+    motion = _motion(fit)
     shift = motion[..., 3:]
-    loose = [_explained(fit, motion, alone[:, None, None] * shift)[0] for alone in np.eye(len(looks))]
-    best = doubtful = max(MISFIT_PROBABILITY, *loose)
+    best = doubtful = max(MISFIT_PROBABILITY, _one_loose(fit))
     told = []
     in_order = np.sort(looks)
     for share, fewest, when in _movements([names[look] for look in in_order.tolist()]):
@@ -54,6 +54,31 @@ def explanations(
     if told and fit.stretch is not None:
         told.append("the scan's pixel size or slice distance were wrong")
     return told
+
+
+def is_split(fit: Registration, *, left_out: bool) -> bool:
+    """Whether so few markers contradict each other that none of them, and no one that stands alone, is to be believed.
+
+    That is told as a movement is, or as any misfit where the pairing has ``left_out`` one more for its place.
+    """
+    chance = fit.fit_probability
+    if chance is None or len(fit.moving_mm) >= FEWEST_FOR_MAJORITY:
+        return False
+    least = MISFIT_PROBABILITY if left_out else DRIFT_PROBABILITY
+    return chance < least and _one_loose(fit) < MISFIT_PROBABILITY
+
+
+def _motion(fit: Registration) -> FloatArray:
+    """Return what a movement (6) of all markers together does to each: (N, 3, 6)."""
+    places = transform_points(fit.transform, fit.moving_mm)
+    return point_jacobian(places - places.mean(axis=0))
+
+
+def _one_loose(fit: Registration) -> float:
+    """Return how likely errors as stated leave what is left but for the one marker that explains most."""
+    motion = _motion(fit)
+    each = np.eye(len(motion))[..., None, None]
+    return max(_explained(fit, motion, alone * motion[..., 3:])[0] for alone in each)
 
 
 def _movements(names: Sequence[str]) -> Iterator[tuple[FloatArray, int, str]]:

@@ -20,7 +20,7 @@ from ronnaplan.registration.marker_registration import MarkerRegistration, regis
 from ronnaplan.registration.registration import Registration
 from ronnaplan.robot.chain import TCP, R, to_frame
 from ronnaplan.robot.stereo.camera import RIG, StereoRig
-from ronnaplan.robot.stereo.disagreement import explanations
+from ronnaplan.robot.stereo.disagreement import explanations, is_split
 from ronnaplan.robot.stereo.images import ImagePair
 from ronnaplan.robot.stereo.sphere import StereoSphere, locate_sphere
 from ronnaplan.sigmas import LARGEST_STATED_MM, SIGMA_LAMP_DEG
@@ -178,6 +178,12 @@ def register_robot_markers(
             f"the markers do not agree with the scan, but would if {', or if '.join(explained)}: fasten head and base "
             "and look at all markers again; if that tells the same, check what else is named (the cameras by robot "
             "stereo-calibrate), or state a larger error of the markers (--sigma-ct)"
+        )
+    if is_split(fit, left_out=bool(found.unpaired_ct and found.unpaired_ots)):
+        raise RefusedError(
+            f"{len(j)} markers contradict each other by more than errors as stated explain (fit probability "
+            f"{fit.fit_probability:.2g}), and so few do not tell which of them to believe: see whether head, base or "
+            "a marker is loose and look at all again, at five or more, or state a larger error of them (--sigma-ct)"
         )
     # the gain of a fit of maximum likelihood: how the pose follows each marker
     jacobian = point_jacobian(transform_points(fit.transform, fit.moving_mm))

@@ -6,7 +6,6 @@ import pytest
 from ronnaplan.errors import RefusedError
 from ronnaplan.geometry import Points
 from ronnaplan.pose import invert, transform_points
-from ronnaplan.registration.flags import RegistrationFlag
 from ronnaplan.robot.stereo.markers import RobotMarkers, RobotRegistration, register_robot_markers
 from tests.robot.stereo.test_markers import looked
 
@@ -57,11 +56,11 @@ def test_cameras_calibrated_elsewhere_are_told_and_no_movement() -> None:
         register_robot_markers(ct, spheres, sigma_ct_mm=0.05)
 
 
-def four(seed: int, ct_mm: float) -> RobotRegistration:
-    """Register two pairs of markers on parallel lines, of which the second pair moved; errors as ``seed`` has them."""
+def four(seed: int, ct_mm: float, share: tuple[float, ...] = (0, 0, 1, 1)) -> RobotRegistration:
+    """Register two pairs of markers on parallel lines that moved by their ``share``; errors as ``seed`` has them."""
     ct, spheres = looked(np.random.default_rng(1), 0.1, 0.03, COMMON)
     markers = np.array([[-60.0, -40, 0], [60, -40, 0], [-20, 60, 30], [40, 60, 30]])
-    places = markers + np.array([600, 50, 400]) + np.outer([0, 0, 1, 1], SHIFT_MM)
+    places = markers + np.array([600, 50, 400]) + np.outer(share, SHIFT_MM)
     places += np.random.default_rng(seed).normal(0, 0.03, (4, 3))
     poses = spheres.robot_from_tcp[:4]
     rig_from_robot = invert(poses @ spheres.tcp_from_rig.matrix)
@@ -79,8 +78,8 @@ def test_what_a_layout_does_not_tell_of_a_movement_is_not_made_up() -> None:
         four(seed=4, ct_mm=0.03)
 
 
-def test_three_markers_that_do_not_agree_are_warned_of() -> None:
-    """One of four is left out. What moves one of the others alone cannot be told, and ended in a traceback."""
-    found = four(seed=2, ct_mm=0.0)
-    assert len(found.labels) == 3
-    assert RegistrationFlag.MISFIT in found.registration.flags
+@pytest.mark.parametrize(("share", "count"), [((0, 0, 1, 1), 3), ((0, 0.7, 0, 0.7), 4)])
+def test_two_markers_that_moved_against_two_are_refused(share: tuple[float, ...], count: int) -> None:
+    """One of four may be left out, or none explain it: the mean of both was given, with a warning."""
+    with pytest.raises(RefusedError, match=rf"{count} markers contradict each other by more .* do not tell which"):
+        four(seed=2, ct_mm=0.0, share=share)
