@@ -129,7 +129,7 @@ def rejoined_moments(
 class _Moments:
     """Shares readings out among moments of equal length, by their own time.
 
-    Those that state none are of the newest time that others stated, and what has gone by since they did.
+    Those that state none are of the time that the one before them stated, and what has gone by since it came.
     """
 
     def __init__(self, every_s: float) -> None:
@@ -145,8 +145,9 @@ class _Moments:
         """Take readings and yield those of each moment that is over."""
         now = time.time()
         readings: list[PointReading | ToolReading] = [*points, *tools]
-        self._ahead_s = max((one.time_s - now for one in readings if one.time_s > 0), default=self._ahead_s)
-        self._waiting += [(one.time_s if one.time_s > 0 else now + self._ahead_s, one) for one in readings]
+        for one in readings:
+            self._ahead_s = one.time_s - now if one.time_s > 0 else self._ahead_s
+            self._waiting.append((one.time_s if one.time_s > 0 else now + self._ahead_s, one))
         while self._waiting:
             if self._end_s is None:
                 self._end_s = min(at for at, _ in self._waiting) + self._every_s

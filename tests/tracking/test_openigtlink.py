@@ -223,6 +223,21 @@ def test_a_robot_whose_time_was_never_another_one_states_none(
     assert all("state the time 5 in all of them, which is none" in note for note in stream.clocks.notes)
 
 
+def test_readings_without_a_time_are_of_the_moment_of_those_before_them() -> None:
+    """Though all come at once, as after a halt: they were all of the newest moment, and those before had none."""
+    frames = [points(time_s=1e9 + 0.05 * frame) + pose_of_tool(frame) + pose_of_robot(0.0) for frame in range(9)]
+    with server([b"".join(frames)]) as port:
+        *told, _ = moments("127.0.0.1", port, every_s=0.1, seconds=0.5)
+    assert [{one.tool for one in moment.tools} for moment in told] == [{"Tool", "Robot"}] * len(told)
+    assert len(told) >= 3
+
+
+def pose_of_tool(frame: int) -> bytes:
+    stamp = 1e9 + 0.05 * frame
+    packed: bytes = pyigtl.TransformMessage(matrix=AWAY, device_name="Tool", timestamp=stamp).pack()
+    return packed
+
+
 def test_a_stream_that_is_restarted_is_joined_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its end is told; its clock may be another one (set back, say), and it may be away for a while."""
     monkeypatch.setattr(openigtlink, "PAUSE_S", 0.05)
