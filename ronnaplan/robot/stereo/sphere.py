@@ -155,7 +155,8 @@ def _other_size(met: list[StereoSphere], rig: StereoRig, diameter_mm: float) -> 
         if abs(left / right - 1) <= SIZE_TOLERANCE:
             return (
                 f", but what looks like one of {2 * diameter_mm / (left + right):.3g} mm: correct the diameter or the "
-                "size of the squares that the cameras were calibrated with, or light the sphere to its limb, in focus"
+                "size of the squares that the cameras were calibrated with, or light the sphere to its limb, in focus, "
+                "or, where that is none, put a plain and darker ground behind the one that is"
             )
     return ""
 
@@ -176,7 +177,7 @@ def _advice(lefts: list[Outline], rights: list[Outline], agreed: bool) -> str:
         return (
             "; check that left and right are of this rig, of one moment, not exchanged, or move the cameras closer"
         )
-    return "; move the cameras closer and keep the sphere in both images"
+    return "; move the cameras closer, keep the sphere in both images, and put a plain and darker ground behind it"
 
 
 def _that_may_meet(

@@ -148,11 +148,16 @@ def test_a_sphere_that_one_camera_does_not_see_is_not_guessed() -> None:
         locate_sphere(left, dark, RIG_EXACT, diameter_mm=DIAMETER)
     with pytest.raises(
         InputError,
-        match=rf"no sphere of 8 mm is seen .*, but what looks like one of {DIAMETER:g} mm: correct the dia",
+        match=rf"no sphere of 8 mm is seen .*, but what looks like one of {DIAMETER:g} mm: correct the dia.* or, where "
+        "that is none, put a plain",
     ):
         locate_sphere(left, right, RIG_EXACT, diameter_mm=8.0)
     with pytest.raises(InputError, match="above zero"):
         locate_sphere(left, right, RIG_EXACT, diameter_mm=0.0)
+    with pytest.raises(
+        InputError, match=r"0 outlines left, 0 right.*, and put a plain and darker ground behind it"
+    ):
+        locate_sphere(dark, dark, RIG_EXACT, diameter_mm=DIAMETER)  # as before stripes, where nearer helps nothing
 
 
 def test_a_sphere_of_another_size_is_told_of_no_size_where_the_cameras_disagree_on_it() -> None:
