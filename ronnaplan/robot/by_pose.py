@@ -23,7 +23,7 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import cross_matrix
-from ronnaplan.robot.spectra import beside_a_field
+from ronnaplan.robot.spectra import DRIFT_PROBABILITY, beside_a_field
 
 SHARES = (1.0, 10.0, 100.0)
 """Variances of the field, in those of the noise beside it: some hundredths of it are left."""
@@ -156,66 +156,74 @@ def _linear(moved: FloatArray, numbers: FloatArray) -> FloatArray:
     return np.asarray((moved[:, :, None, :] * numbers[:, None, :, None]).reshape(len(moved), 6, -1))
 
 
-def judged(
-    design: FloatArray,
-    fields: Mapping[Cause, FloatArray],
-    residual: FloatArray,
-    known: FloatArray,
-    bread: FloatArray,
-    count: int,
-    unlike: bool,
-) -> list[Weighed]:
-    """Return what ``fields`` (N, 6, s) are worth beside noise, white or as a filter leaves it.
+class ByFrequency(NamedTuple):
+    """Equations of N vectors by frequency, and what least squares make of them."""
 
-    All is by frequency, of which the first ``count`` are judged: ``design`` (N, 6, p) of the unknowns, of which
-    ``known`` (p, p) is known beforehand, and what is left, ``residual`` (N, 6). The covariance of the unknowns is
-    ``bread`` (p, p) for noise of unit variance. The noise's components are alike, or also ``unlike``.
+    design: FloatArray
+    """(N, c, p): how the unknowns change what is left."""
+    left: FloatArray
+    """(N, c): what is left, but for drifts: these are in it."""
+    known: FloatArray
+    """(p, p): what is known of the unknowns beforehand, of drifts alone."""
+    bread: FloatArray
+    """(p, p): the covariance of the unknowns for noise of unit variance."""
+    drifts: slice
+    """Which unknowns are a steady drift in the axes of the equations."""
+
+
+def judged(equations: ByFrequency, fields: Mapping[Cause, FloatArray], count: int, unlike: bool) -> list[Weighed]:
+    """Return what ``fields`` (N, 6, s) are worth beside noise, white or as a filter leaves it, that drifts or not.
+
+    The first ``count`` frequencies are judged. The noise's components are alike, or also ``unlike``.
     """
-    found = list(_of_cause(Cause.ANY, design, fields[Cause.ANY], residual, known, bread, count, unlike))
+    found = list(_of_cause(Cause.ANY, equations, fields[Cause.ANY], count, unlike))
     weights = np.array([one.log_weight for one in found])
     weights = np.exp(weights - weights.max())
     wide = np.einsum("m,mij->ij", weights / weights.sum(), np.array([one.covariance for one in found]))
     for cause in (Cause.BENDING, Cause.SCALE):
-        for one in _of_cause(cause, design, fields[cause], residual, known, bread, count, unlike):
+        for one in _of_cause(cause, equations, fields[cause], count, unlike):
             covariance = wide if cause is Cause.BENDING else one.covariance
             found.append(one._replace(log_weight=one.log_weight + np.log(ONE_CAUSE), covariance=covariance))
     return found
 
 
 def _of_cause(
-    cause: Cause,
-    design: FloatArray,
-    field: FloatArray,
-    residual: FloatArray,
-    known: FloatArray,
-    bread: FloatArray,
-    count: int,
-    unlike: bool,
+    cause: Cause, equations: ByFrequency, field: FloatArray, count: int, unlike: bool
 ) -> Iterator[Weighed]:
     """Yield what a ``field`` (N, 6, s) is worth in each of its variances, and beside each noise, as `judged` does."""
+    design, left, known, bread, drifts = equations
     constant = np.diag(known) == 0
-    joined = np.concatenate([design[..., constant], field, residual[..., None]], axis=2)
+    joined = np.concatenate([design[..., constant], field, design[..., drifts], left[..., None]], axis=2)
     components, columns = joined.shape[1:]
-    constants = int(constant.sum())
+    constants, of_drifts = int(constant.sum()), np.diag(known)[drifts]
+    undrifting = np.r_[: constants + field.shape[2], columns - 1]
     carried = np.einsum("kci,kcs->is", design, field)
     for i, spectrum in enumerate(beside := beside_a_field(len(design))):
         deviations = np.sqrt(spectrum)[:, None, None]
         prior = np.log(len(beside) - 1) if i else 0.0  # white noise is as likely beforehand as all others
         volume = 0.5 * components * np.log(spectrum[:count]).sum()
         flat = (joined / deviations)[:count].reshape(count, -1)
-        products = (flat.T @ flat).reshape(components, columns, components, columns).swapaxes(1, 2).copy()
-        for share, shaped in product(SHARES, (False, True) if unlike else (False,)):
-            found = _judge(products, constants, count, share, shaped)
-            if cause is Cause.SCALE:  # the one field that is all as it is modelled: what is left tells its size
+        drifting = (flat.T @ flat).reshape(components, columns, components, columns).swapaxes(1, 2).copy()
+        still = drifting[:, :, undrifting[:, None], undrifting].copy()
+        for share, drifts_too in product(SHARES, (False, True)):
+            precision = np.repeat([0.0, 1 / share], [constants, field.shape[2]])
+            products, probability = still, 1 - DRIFT_PROBABILITY
+            if drifts_too:
+                products, probability = drifting, DRIFT_PROBABILITY
+                precision = np.append(precision, of_drifts)
+            for found in _judge(products, precision, count, unlike):
                 covariance = np.zeros_like(known)
-                covariance[np.ix_(constant, constant)] = found.second_moment[:constants, :constants]
-            else:
-                scores = np.einsum("kai,ab->kbi", design, np.linalg.cholesky(found.noise)) * deviations
-                spread = np.einsum("kci,kcj->ij", scores, scores) + found.variance * carried @ carried.T
-                covariance = bread @ (spread + np.diag(found.noise).mean() * known) @ bread
-            size = float(found.solution[constants])
-            size_variance = float(found.second_moment[constants, constants]) - size**2
-            yield Weighed(cause, found.log_weight - volume - prior, covariance, size, size_variance)
+                if cause is Cause.SCALE:  # all is as it is modelled, so that what is left tells its size
+                    covariance[np.ix_(constant, constant)] = found.second_moment[:constants, :constants]
+                else:
+                    scores = np.einsum("kai,ab->kbi", design, np.linalg.cholesky(found.noise)) * deviations
+                    spread = np.einsum("kci,kcj->ij", scores, scores)
+                    spread += share * found.variance * carried @ carried.T + np.diag(found.noise).mean() * known
+                    covariance += bread @ spread @ bread
+                size = float(found.solution[constants])
+                size_variance = float(found.second_moment[constants, constants]) - size**2
+                weight = found.log_weight - volume - prior + np.log(probability)
+                yield Weighed(cause, weight, covariance, size, size_variance)
 
 
 def of_volume_one(covariance: FloatArray) -> FloatArray:
@@ -230,41 +238,44 @@ class _Judged(NamedTuple):
 
     log_weight: float
     variance: float
+    """Of the noise, beside which shares are those of fields."""
     noise: FloatArray
     """(6, 6): covariance of the noise."""
     solution: FloatArray
-    """(p + s,): by how much the fit's constants are off, and the field's unknowns."""
+    """(p,): by how much the fit's constants are off, the field's unknowns, and those of a drift."""
     second_moment: FloatArray
-    """(p + s, p + s), of what these may be."""
+    """(p, p), of what these may be."""
 
 
-def _judge(products: FloatArray, constants: int, count: int, share: float, unlike: bool) -> _Judged:
-    """Return what a field of ``share``, in the variance of the noise, is worth.
+def _judge(products: FloatArray, precision: FloatArray, count: int, unlike: bool) -> Iterator[_Judged]:
+    """Yield what a field is worth of which ``precision`` (p,), for noise of unit variance, is known beforehand.
 
-    ``products`` (6, 6, p + s + 1, p + s + 1) are, of each component with each, the sums over ``count`` frequencies of
-    how the p ``constants`` of the fit and the field's unknowns change the residual, and of that itself, each times
-    each. The noise has about one variance; its components are alike, within rotations and within places, or ``unlike``:
-    its shape is what is expected of it with the field (as in `memory`), as one that was told without is the field's.
+    ``products`` (6, 6, p + 1, p + 1) are, of each component with each, the sums over ``count`` frequencies of how the
+    fit's constants, of which nothing is known, the field's unknowns and those of a drift change the residual, and of
+    that itself, each times each. The noise has about one variance; its components are alike, within rotations and
+    within places, then, if asked for, ``unlike``: its shape is what is expected of it with the field (as in `memory`),
+    as one that was told without is the field's.
     """
-    size, unknowns = len(products), products.shape[2] - 1 - constants
-    freedom = count * size - constants
-    known = np.repeat([0.0, 1 / share], [constants, unknowns])
-    after = np.eye(size)
-    for done in range(ROUNDS + (SHAPE_ROUNDS if unlike else 0)):
+    size, random = len(products), precision > 0
+    freedom = count * size - np.count_nonzero(~random)
+    volume = np.log(precision[random]).sum()
+    after, last = np.eye(size), ROUNDS + (SHAPE_ROUNDS if unlike else 0) - 1
+    for done in range(last + 1):
         shape = after
         summed = np.tensordot(np.linalg.inv(shape), products, axes=2)
-        normal, score = summed[:-1, :-1] + np.diag(known), summed[:-1, -1]
+        normal, score = summed[:-1, :-1] + np.diag(precision), summed[:-1, -1]
         inverse = np.linalg.inv(normal)
         left = np.append(inverse @ score, -1.0)
         misfit = max(float(summed[-1, -1] - score @ left[:-1]), freedom * LEAST_VARIANCE)
+        variance = misfit / freedom
         second_moment = np.outer(left, left)
-        second_moment[:-1, :-1] += misfit / freedom * inverse
+        second_moment[:-1, :-1] += variance * inverse
+        if done in (ROUNDS - 1, last):
+            numbers = size // 3 - 1 if done < ROUNDS else size * (size + 1) // 2 - 1
+            unexplained = freedom * np.log(misfit) + np.linalg.slogdet(normal)[1] - volume
+            log_weight = -0.5 * (unexplained + numbers * np.log(count))  # Schwarz's penalty
+            yield _Judged(log_weight, variance, shape * variance, left[:-1], second_moment[:-1, :-1])
         after = np.tensordot(products, second_moment, axes=2)
-        if not unlike or done < ROUNDS - 1:
+        if done < ROUNDS - 1:
             after = np.diag(np.repeat(np.diag(after).reshape(-1, 3).mean(axis=1), 3))
         after = of_volume_one(after)
-    volume = np.linalg.slogdet(normal)[1] + unknowns * np.log(share)
-    parameters = size * (size + 1) // 2 - 1 if unlike else size // 3 - 1
-    log_weight = -0.5 * (freedom * np.log(misfit) + volume + parameters * np.log(count))  # Schwarz's penalty
-    variance = misfit / freedom
-    return _Judged(log_weight, share * variance, shape * variance, left[:-1], second_moment[:-1, :-1])

@@ -20,13 +20,11 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot import by_pose
-from ronnaplan.robot.by_pose import LEAST_VARIANCE, SHAPE_ROUNDS, Cause, Suspicion
-from ronnaplan.robot.spectra import spectra
+from ronnaplan.robot.by_pose import LEAST_VARIANCE, SHAPE_ROUNDS, ByFrequency, Cause, Suspicion
+from ronnaplan.robot.spectra import DRIFT_PROBABILITY, spectra
 
 DRIFT_SDS = 4.0
 """A steady drift over half the recording, one standard deviation, in those of the noise."""
-DRIFT_PROBABILITY = 0.1
-"""Steady drifts are the rarer thing: a walk's first half-wave looks like one, and a walk's level errs far more."""
 SLOW_HALF_WAVES = 8
 """So many of the slowest half-waves over the recording are followed through axes that turn."""
 SLOW_SHARES = (0.3, 3.0)
@@ -95,7 +93,8 @@ def least_squares_covariance(
             continue
         left = frame.residual - frame.design[..., constants:] @ estimate[constants:]
         unlike = count >= FEWEST_FOR_SHAPE * frame.residual.shape[1]
-        fields += by_pose.judged(frame.design, frame.fields, left, frame.known, frame.bread, count, unlike)
+        equations = ByFrequency(frame.design, left, frame.known, frame.bread, frame.drifts)
+        fields += by_pose.judged(equations, frame.fields, count, unlike)
     weights += [one.log_weight - np.log(len(frames)) for one in fields]
     covariances += [one.covariance for one in fields]
     likely = np.exp(np.array(weights) - max(weights))

@@ -16,6 +16,8 @@ FILTER_MEMORY = 0.03
 and lasts longer is a steady drift, what wanders beside one is a walk."""
 FILTER_POSES = 10
 """However short a recording is, a filter may remember so many poses: a second or less, as trackers report them."""
+DRIFT_PROBABILITY = 0.1
+"""Steady drifts are the rarer thing: a walk's first half-wave looks like one, and a walk's level errs far more."""
 FIELD_MEMORIES = 3
 """So many memories, from one pose to those of a filter, are tried beside a field of errors by the robot's pose."""
 

@@ -115,6 +115,17 @@ def test_no_shape_or_memory_of_the_trackers_noise_hides_a_scale(noise: dict[str,
     assert 0.3 < np.mean(of_base) < 2
 
 
+@pytest.mark.parametrize("scale", [1.0, 1.002])
+def test_no_steady_drift_of_the_tracker_hides_a_scale(scale: float) -> None:
+    """R was 5 mm aside, with 0.4 stated and nothing told: fields were judged beside noise that does not drift."""
+    rng = np.random.default_rng(2)
+    seen, driven, _, robot_from_ots = recorded(rng, 30, scale=scale)
+    seen[:, :3, 3] += np.linspace(-1, 1, 30)[:, None] * rng.normal(size=3)
+    found = calibrate_hand_eye(seen, driven)
+    assert ["% too long" in doubt for doubt in found.doubts] == [True] * (scale > 1)
+    assert normalized(found.robot_from_ots, robot_from_ots) < 3
+
+
 @pytest.mark.parametrize("seed", [11, 15])
 def test_rotations_that_err_about_one_axis_of_the_tool_alone_tell_no_scale(seed: int) -> None:
     """A scale was likely to 93 % and more, as of the other two axes round-off was judged, which had not settled yet."""
