@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import invert, rigid
+from ronnaplan.robot.by_pose import of_volume_one
 from ronnaplan.robot.pivot import FEWEST_FOR_SCATTER, MAXWELL_MEDIAN, SLIP_SDS
 from ronnaplan.text import listed, runs
 
@@ -24,6 +25,8 @@ MOST_WRONG = 1 / 3
 FEWEST_TO_SHIFT, MUCH_BETTER = 20, 0.8
 """Of so many poses those of the robot are tried one earlier and one later. Where they move little from one to the next
 it changes nothing; where it makes the angles left smaller than this share, they are not of the same moments."""
+SHAPE_ROUNDS = 20
+"""So many tell in which directions poses err more."""
 ROUNDS, SETTLED = 50, 1e-3
 """So many rounds weigh the poses anew, or until no weight changes by more than this part of the largest."""
 
@@ -56,11 +59,17 @@ def discrepancies(seen: FloatArray, driven: FloatArray, left: FloatArray, right:
 
 
 def far_off(seen: FloatArray, driven: FloatArray) -> NDArray[np.bool_]:
-    """Return which poses (N,) leave more, in angle or place, than `SLIP_SDS` robust deviations; of a few, none."""
+    """Return which poses (N,) leave more, in angle or place, than `SLIP_SDS` robust deviations; of a few, none.
+
+    They do also by the deviation along each axis, of the tool and of the tracker: where either errs most in depth, or
+    turns worst about one axis, six deviations of all axes together are less than three of that one.
+    """
     if len(seen) < FEWEST_FOR_SCATTER:
         return np.zeros(len(seen), dtype=bool)
-    lengths = _lengths_left(seen, driven)
-    return np.asarray((lengths > SLIP_SDS * _usual(lengths)).any(axis=1))
+    in_tool = _left(seen, driven)
+    in_tracker = in_tool @ seen[:, :3, :3].swapaxes(1, 2)
+    lengths = (np.linalg.norm(one, axis=2) for one in (in_tool, _alike(in_tool), _alike(in_tracker)))
+    return np.logical_and.reduce([one > SLIP_SDS * _usual(one) for one in lengths]).any(axis=1)
 
 
 def which_are_far(frames: Sequence[int], far: Sequence[int]) -> tuple[str, str]:
@@ -85,17 +94,30 @@ def out_of_step(seen: FloatArray, driven: FloatArray, left: FloatArray, right: F
     return min(apart) < MUCH_BETTER * _angle_left(seen, driven, left, right)
 
 
-def _lengths_left(seen: FloatArray, driven: FloatArray) -> FloatArray:
-    """Return the angles and lengths (N, 2) that the poses leave where these, by what is usual, have the least sum."""
+def _left(seen: FloatArray, driven: FloatArray) -> FloatArray:
+    """Return turns and shifts (N, 2, 3) that poses leave where their lengths, by what is usual, have the least sum."""
     weight = np.ones(len(seen))
     for _ in range(ROUNDS):
-        error = discrepancies(seen, driven, *closed_form(seen, driven, weight))
-        lengths = np.asarray(np.linalg.norm(error.reshape(-1, 2, 3), axis=2))
+        error = discrepancies(seen, driven, *closed_form(seen, driven, weight)).reshape(-1, 2, 3)
+        lengths = np.asarray(np.linalg.norm(error, axis=2))
         # a length below the usual one counts as that: least squares among those that are right
         before, weight = weight, 1 / np.maximum((lengths / _usual(lengths)).max(axis=1), 1.0)
         if np.abs(weight - before).max() < SETTLED:
             break
-    return lengths
+    return error
+
+
+def _alike(error: FloatArray) -> FloatArray:
+    """Return turns and shifts (N, 2, 3) each in axes, and units, in which they are alike in all directions.
+
+    That is told by their directions alone (Tyler 1987, Ann. Stat. 15:234), which hold however far a few are off.
+    """
+    shape = np.tile(np.eye(3), (2, 1, 1))
+    for _ in range(SHAPE_ROUNDS):
+        squares = np.einsum("nki,kij,nkj->nk", error, np.linalg.inv(shape), error)
+        directions = error / np.sqrt(np.maximum(squares, np.finfo(float).tiny))[..., None]
+        shape = np.array([of_volume_one(one) for one in np.einsum("nki,nkj->kij", directions, directions)])
+    return np.einsum("kij,nkj->nki", np.linalg.inv(np.linalg.cholesky(shape)), error)
 
 
 def _angle_left(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> float:
