@@ -4,12 +4,13 @@ No number of poses averages them out, and most of such an error looks like anoth
 is left. So they are taken for a field over the poses, of which what is left tells how large it is; what it does to the
 estimate follows. As every other kind of noise a field is weighed by its restricted likelihood (`memory`), beside noise
 in the tracker's axes or the tool's that is alike in all directions or not: beside the wrong noise it would lose to the
-right one without a field. There are three:
+right one without a field. So it would beside steadiness where the tracker drifts. There are four:
 
 - of any cause: its six components are linear in the numbers of the robot's pose, all of one variance;
 - of an arm that bends, or whose lengths are off: in its upright plane, linear in how far out and how high it reaches.
   That has few numbers, which tell sooner that there is something. How far such errors go is told by the first kind;
-- of a tracker whose distances are all wrong by one share (or of a robot's that are).
+- of a tracker whose distances are all wrong by one share (or of a robot's that are);
+- of a tracker, or a robot, that is late: what it adds goes with how fast the tool moves.
 """
 
 from __future__ import annotations
@@ -22,20 +23,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import cross_matrix
 from ronnaplan.robot.spectra import DRIFT_PROBABILITY, beside_a_field
 
 SHARES = (1.0, 10.0, 100.0)
 """Variances of the field, in those of the noise beside it: some hundredths of it are left."""
-ALIKE = 10.0
-"""Variance of what is alike in all poses, in that of what differs: over a recording an arm's axes and reach, and the
-way to the tracker, change little."""
 ONE_CAUSE = 0.1
 """So likely beforehand is each of the fields that have one cause, in parts of that which may have any."""
-LEAST_SPREAD = 0.01
-"""Places that lie nearer together, in parts of their distance from the tracker, tell nothing of its scale."""
-LEAST_SHOWN = 30.0
-"""So many times its noise has to be what places show of a scale: of a tool that swings about its tip that is noise."""
 ROUNDS = 3
 """Each weighs rotations and places by the noise that the one before it tells."""
 SHAPE_ROUNDS = 4
@@ -53,6 +46,11 @@ class Cause(StrEnum):
     ANY = "any"
     BENDING = "an arm that bends"
     SCALE = "a scale"
+    DELAY = "a delay"
+
+
+OF_ONE_NUMBER = (Cause.SCALE, Cause.DELAY)
+"""Fields that are all as they are modelled: what is left tells their size, and what they do to the estimate."""
 
 
 class Weighed(NamedTuple):
@@ -67,13 +65,16 @@ class Weighed(NamedTuple):
 
 
 class Suspicion(NamedTuple):
-    """How likely errors depend on the robot's pose at all, and because of a scale; by how much that stretches."""
+    """How likely errors depend on the robot's pose at all, and because of a scale or a delay, of which size."""
 
     of_any: float = 0.0
     of_scale: float = 0.0
     scale: float = 0.0
-    """In the unit of the column that `fields` has of it."""
+    """In the unit of the column that `fields` has of it, as is the delay."""
     scale_sd: float = 0.0
+    of_delay: float = 0.0
+    delay: float = 0.0
+    delay_sd: float = 0.0
 
 
 UNSUSPECTED = Suspicion()
@@ -81,79 +82,20 @@ UNSUSPECTED = Suspicion()
 
 def suspicion(likely: FloatArray, weighed: list[Weighed]) -> Suspicion:
     """Return what fields tell that were ``weighed``, each ``likely`` (N,) beside all other kinds of noise."""
-    of_scale = np.array([one.cause is Cause.SCALE for one in weighed], dtype=bool)
-    share = float(likely[of_scale].sum())
+    told = (number for cause in OF_ONE_NUMBER for number in _size(cause, likely, weighed))
+    return Suspicion(float(likely.sum()), *told)
+
+
+def _size(cause: Cause, likely: FloatArray, weighed: list[Weighed]) -> tuple[float, float, float]:
+    """Return how likely a field of one number is, how large, and with which standard error."""
+    ours = np.array([one.cause is cause for one in weighed], dtype=bool)
+    share = float(likely[ours].sum())
     if not share > 0:
-        return Suspicion(float(likely.sum()))
-    each = likely[of_scale] / share
-    sizes, variances = np.array([one[3:] for one in weighed if one.cause is Cause.SCALE]).T
+        return 0.0, 0.0, 0.0
+    each = likely[ours] / share
+    sizes, variances = np.array([one[3:] for one in weighed if one.cause is cause]).T
     size = float(each @ sizes)
-    return Suspicion(float(likely.sum()), share, size, float(np.sqrt(each @ (variances + (sizes - size) ** 2))))
-
-
-def fields(
-    ots_from_m: FloatArray, robot_from_m: FloatArray, robot_from_tcp: FloatArray, sds: FloatArray
-) -> dict[Cause, FloatArray]:
-    """Return (N, 6, s) for each cause: what the field's unknowns, each of about unit size, add to the poses of M.
-
-    Poses are (N, 4, 4), all three as the robot tells them: the tracker's have the noise that is judged, and a scale of
-    100 % leaves none of it. What is added is in M's axes, and in ``sds`` (6,) of its noise. That of a scale is what one
-    standard deviation of places, over `spread_mm`, adds where the tracker tells distances too long.
-    """
-    places = robot_from_tcp[:, :3, 3]
-    usual = np.sqrt((places**2).sum(axis=1).mean())
-    alike = np.full((len(places), 1), np.sqrt(ALIKE))
-    to_m = robot_from_m[:, :3, :3].swapaxes(1, 2)
-    moved = np.zeros((len(places), 6, 6))
-    moved[:, :3, :3] = moved[:, 3:, 3:] = to_m
-    moved[:, 3:, :3] = to_m @ cross_matrix(places - robot_from_m[:, :3, 3]) * (sds[0] / sds[3])
-    of_any = np.hstack([alike, places / usual, robot_from_tcp[:, :3, :3].reshape(-1, 9) / np.sqrt(3)])
-    out = np.hypot(places[:, 0], places[:, 1])[:, None]
-    of_reach = np.hstack([alike, out / usual, places[:, 2:] / usual])
-    in_plane = moved @ _upright(places[:, :2] / np.maximum(out, np.finfo(float).tiny))
-    scaled = np.zeros((len(places), 6, 1))
-    away = np.einsum("nji,nj->ni", ots_from_m[:, :3, :3], ots_from_m[:, :3, 3])
-    scaled[:, 3:, 0] = -away / spread_mm(ots_from_m)
-    return {
-        Cause.ANY: _linear(moved, of_any / np.sqrt(3)),
-        Cause.BENDING: _linear(in_plane, of_reach / np.sqrt(3)),
-        Cause.SCALE: scaled,
-    }
-
-
-def shows_scale(seen: FloatArray, ots_from_m: FloatArray, design: FloatArray, sd_mm: float) -> bool:
-    """Tell whether a scale can show in poses ``seen`` (N, 4, 4) of places that err by ``sd_mm``, or noise alone.
-
-    It shows in what the fit's constants, ``design`` (N, 6, p), leave of the places ``ots_from_m`` (N, 4, 4), as the
-    robot tells them. Of a tool that swings about its tip that is the robot's noise, which is in the poses' errors,
-    too, and then makes up for them with a scale of its own.
-    """
-    field = np.zeros((len(seen), 6))
-    field[:, 3:] = np.einsum("nji,nj->ni", seen[:, :3, :3], ots_from_m[:, :3, 3]) / sd_mm
-    flat = design.reshape(field.size, -1)
-    left = field.ravel() - flat @ np.linalg.lstsq(flat, field.ravel(), rcond=None)[0]
-    return bool(left @ left > LEAST_SHOWN**2 * field[:, 3:].size)
-
-
-def spread_mm(poses: FloatArray) -> float:
-    """Return how far apart the places of ``poses`` (N, 4, 4) are, RMS, or `LEAST_SPREAD` if that is less."""
-    places = poses[:, :3, 3]
-    apart, away = (np.sqrt((one**2).sum(axis=1).mean()) for one in (places - places.mean(axis=0), places))
-    return float(max(apart, LEAST_SPREAD * away, np.finfo(float).tiny))
-
-
-def _upright(outwards: FloatArray) -> FloatArray:
-    """Return (N, 6, 3): a turn in the upright plane that holds ``outwards`` (N, 2), and shifts outwards and upwards."""
-    in_plane = np.zeros((len(outwards), 6, 3))
-    in_plane[:, 0, 0], in_plane[:, 1, 0] = -outwards[:, 1], outwards[:, 0]
-    in_plane[:, 3:5, 1] = outwards
-    in_plane[:, 5, 2] = 1
-    return in_plane
-
-
-def _linear(moved: FloatArray, numbers: FloatArray) -> FloatArray:
-    """Return (N, 6, m k): what ``moved`` (N, 6, m) is for each of ``numbers`` (N, k)."""
-    return np.asarray((moved[:, :, None, :] * numbers[:, None, :, None]).reshape(len(moved), 6, -1))
+    return share, size, float(np.sqrt(each @ (variances + (sizes - size) ** 2)))
 
 
 class ByFrequency(NamedTuple):
@@ -180,7 +122,7 @@ def judged(equations: ByFrequency, fields: Mapping[Cause, FloatArray], count: in
     weights = np.array([one.log_weight for one in found])
     weights = np.exp(weights - weights.max())
     wide = np.einsum("m,mij->ij", weights / weights.sum(), np.array([one.covariance for one in found]))
-    for cause in (Cause.BENDING, Cause.SCALE):
+    for cause in (Cause.BENDING, *OF_ONE_NUMBER):
         for one in _of_cause(cause, equations, fields[cause], count, unlike):
             covariance = wide if cause is Cause.BENDING else one.covariance
             found.append(one._replace(log_weight=one.log_weight + np.log(ONE_CAUSE), covariance=covariance))
@@ -213,7 +155,7 @@ def _of_cause(
                 precision = np.append(precision, of_drifts)
             for found in _judge(products, precision, count, unlike):
                 covariance = np.zeros_like(known)
-                if cause is Cause.SCALE:  # all is as it is modelled, so that what is left tells its size
+                if cause in OF_ONE_NUMBER:
                     covariance[np.ix_(constant, constant)] = found.second_moment[:constants, :constants]
                 else:
                     scores = np.einsum("kai,ab->kbi", design, np.linalg.cholesky(found.noise)) * deviations

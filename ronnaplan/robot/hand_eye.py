@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray
@@ -29,23 +29,20 @@ from ronnaplan.pose import (
     point_jacobian,
     rigid,
 )
-from ronnaplan.robot.by_pose import Cause, Suspicion, fields, shows_scale, spread_mm
+from ronnaplan.robot.by_pose import Cause, Suspicion
+from ronnaplan.robot.by_pose_fields import fields, in_units, shows_scale
 from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.hand_eye_found import HandEye
-from ronnaplan.robot.hand_eye_start import FINEST, closed_form, discrepancies, far_off, out_of_step, which_are_far
-from ronnaplan.robot.hand_eye_step import Step, step_in
+from ronnaplan.robot.hand_eye_refused import agree, contradiction, late_by, rms
+from ronnaplan.robot.hand_eye_start import FINEST, closed_form, discrepancies, far_off, out_of_step
+from ronnaplan.robot.hand_eye_step import step_in
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
-from ronnaplan.robot.misread import mistake_in
 from ronnaplan.robot.pivot import LONGEST_TOOL_MM
 
 FEWEST_POSES = 4
 """Three poses tell both unknowns, and next to nothing of their errors."""
 SMALLEST_TURN_DEG = 5.0
 """RMS turn about the second axis that the poses need; below it the translation along the first is undetermined."""
-LARGEST_ROTATION_DEG, LARGEST_TRANSLATION_MM = 3.0, 10.0
-"""Poses of robot and tracker that are off by more (RMS) do not belong together: no tracker errs so much."""
-SAME_ANGLES_DEG = 0.5
-"""Poses of other moments are seldom off by less (RMS), a tracker's errors seldom by more."""
 SAME_TIP_PROBABILITY = 1e-6
 """A pivot calibration that errors as stated would put so far off, and more rarely than this, is of another tip."""
 SAME_POSES = 1e-6
@@ -72,14 +69,7 @@ def calibrate_hand_eye(
     matrices that are no poses, and motions that turn about one axis only; `RefusedError` where the poses do not belong
     together, or the TCP lies where no tool's is.
     """
-    seen = as_poses(ots_from_m, "ots_from_m")
-    driven = as_poses(robot_from_tcp, "robot_from_tcp")
-    if len(seen) != len(driven) or len(seen) < FEWEST_POSES:
-        raise InputError(
-            f"{len(seen)} tracker and {len(driven)} robot poses were given; expected four or more of each"
-        )
-    if frames is not None and len(frames) != len(seen):
-        raise InputError(f"{len(frames)} frames were given for {len(seen)} poses; expected one for each")
+    seen, driven = _as_pairs(ots_from_m, robot_from_tcp, frames)
     told, _ = first_told(seen)
     repeated = len(seen) - len(told)
     if len(told) < FEWEST_POSES:
@@ -95,65 +85,39 @@ def calibrate_hand_eye(
     fit = _refine(seen, driven, left, right)
     far = far_off(seen, driven)
     step = step_in(discrepancies(seen, driven, left, right), _design(seen, right, np.ones(6)))
-    if not _agree(fit.rotation_rms_deg, fit.translation_rms_mm):
-        numbers = range(len(told)) if frames is None else [frames[one] for one in told]
-        raise RefusedError(_contradiction(fit, seen, driven, far, step, numbers))
-    found = _found(fit, seen, driven)
+    numbers = range(len(told)) if frames is None else [frames[one] for one in told]
+    if not agree(fit.error):
+        late = late_by(fit.error, fit.design * fit.sds[:, None], driven @ invert(fit.right), numbers)
+        raise RefusedError(contradiction(fit.error, seen, driven, far, step, late, numbers))
+    found = _found(fit, seen, driven, numbers)
     away_mm = float(np.linalg.norm(found.m_from_tcp.translation_mm))
     if away_mm > LONGEST_TOOL_MM:
         raise RefusedError(
             f"the TCP lies {away_mm:.0f} mm from M, expected at most {LONGEST_TOOL_MM:g}; check that the poses are "
             "tracker from tool and robot from TCP, and not both the other way round"
         )
-    late = out_of_step(seen, driven, left, right)
-    step = None if late or step is None else step._replace(first=int(told[step.first]))
-    return replace(found, far=tuple(map(int, told[far])), out_of_step=late, step=step, repeated=repeated)
+    one_apart = out_of_step(seen, driven, left, right)
+    step = None if one_apart or step is None else step._replace(first=int(told[step.first]))
+    return replace(found, far=tuple(map(int, told[far])), out_of_step=one_apart, step=step, repeated=repeated)
 
 
-def _agree(rotation_deg: float, translation_mm: float) -> bool:
-    return rotation_deg <= LARGEST_ROTATION_DEG and translation_mm <= LARGEST_TRANSLATION_MM
-
-
-def _belong_together(seen: FloatArray, driven: FloatArray) -> bool:
-    """Tell it by the closed form, which there is of any poses (N, 4, 4), also of such as turn about one axis."""
-    error = discrepancies(seen, driven, *closed_form(seen, driven))
-    angle, length = np.sqrt((error.reshape(-1, 2, 3) ** 2).sum(axis=2).mean(axis=0))
-    return _agree(np.degrees(angle), length)
-
-
-def _contradiction(
-    fit: _Fit,
-    seen: FloatArray,
-    driven: FloatArray,
-    far: NDArray[np.bool_],
-    step: Step | None,
-    frames: Sequence[int],
-) -> str:
-    """Say by how much poses (N, 4, 4) contradict each other, and which of ``frames`` do if without these none does."""
-    said = (
-        f"the poses of robot and tracker contradict each other by {fit.rotation_rms_deg:.2f} degrees and "
-        f"{fit.translation_rms_mm:.2f} mm RMS, expected at most {LARGEST_ROTATION_DEG:g} and "
-        f"{LARGEST_TRANSLATION_MM:g}"
-    )
-    if far.any() and _belong_together(seen[~far], driven[~far]):
-        which, advice = which_are_far(frames, np.flatnonzero(far).tolist())
-        return f"{said}: {which}; {advice}"
-    if step and all(_belong_together(a, b) for a, b in zip(*map(step.parts, (seen, driven)), strict=True)):
-        return f"{said}: {step.told(frames)}"
-    if misread := mistake_in(seen, driven, _belong_together):
-        return (
-            f"{said}, but agree if {misread}; check that they are tracker from tool and robot from TCP, and turn "
-            "rotations into matrices, or a quaternion, anew"
+def _as_pairs(
+    ots_from_m: ArrayLike, robot_from_tcp: ArrayLike, frames: Sequence[int] | None
+) -> tuple[FloatArray, FloatArray]:
+    """Return poses (N, 4, 4) of both, as many of either and of ``frames``; raises `InputError` for others."""
+    seen = as_poses(ots_from_m, "ots_from_m")
+    driven = as_poses(robot_from_tcp, "robot_from_tcp")
+    if len(seen) != len(driven) or len(seen) < FEWEST_POSES:
+        raise InputError(
+            f"{len(seen)} tracker and {len(driven)} robot poses were given; expected four or more of each"
         )
-    if fit.rotation_rms_deg <= SAME_ANGLES_DEG:
-        return (
-            f"{said}: the angles agree, and the places do not; check columns, signs and units of the places in both, "
-            "and the order of a quaternion's numbers"
+    if frames is not None and len(frames) != len(seen):
+        raise InputError(f"{len(frames)} frames were given for {len(seen)} poses; expected one for each")
+    if frames is not None and len(set(frames)) < len(frames):
+        raise InputError(
+            f"{len(frames) - len(set(frames))} frames were given twice; expected another for each pose"
         )
-    return (
-        f"{said}; record both at the same moments, as tracker from tool and robot from TCP, and check how their "
-        "rotations were turned into matrices"
-    )
+    return seen, driven
 
 
 def with_tip(found: HandEye, tip_mm: FloatArray, tip_mm2: FloatArray) -> HandEye:
@@ -207,14 +171,6 @@ class _Fit(NamedTuple):
     error: FloatArray
     """(N, 6): what is left, rad and mm, at M's origin."""
 
-    @property
-    def rotation_rms_deg(self) -> float:
-        return float(np.degrees(np.sqrt((self.error[:, :3] ** 2).sum(axis=1).mean())))
-
-    @property
-    def translation_rms_mm(self) -> float:
-        return float(np.sqrt((self.error[:, 3:] ** 2).sum(axis=1).mean()))
-
 
 def _refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> _Fit:
     """Return the least squares, by Gauss and Newton, from R from OTS ``left`` and M from TCP ``right``."""
@@ -235,22 +191,22 @@ def _refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: Float
     return _Fit(left, right, sds, design, residual, step, error)
 
 
-def _found(fit: _Fit, seen: FloatArray, driven: FloatArray) -> HandEye:
-    """Return what the poses tell, those ``seen`` and those ``driven`` (N, 4, 4), with its covariance."""
+def _found(fit: _Fit, seen: FloatArray, driven: FloatArray, frames: Sequence[int]) -> HandEye:
+    """Return what poses (N, 4, 4) tell, those ``seen`` and those ``driven`` in ``frames``, with its covariance."""
     left, right = fit.left, fit.right
     robot_from_m = driven @ invert(right)
     ots_from_m = invert(left) @ robot_from_m
-    covariance, suspicion = _covariance(fit, seen, fields(ots_from_m, robot_from_m, driven, fit.sds))
+    covariance, suspicion = _covariance(fit, seen, fields(ots_from_m, robot_from_m, driven, fit.sds, frames))
     if not shows_scale(seen, ots_from_m, fit.design[..., :CONSTANTS], fit.sds[3]):
-        suspicion = Suspicion(suspicion.of_any - suspicion.of_scale)
-    unit = float(fit.sds[3]) / spread_mm(ots_from_m)
+        suspicion = suspicion._replace(of_any=suspicion.of_any - suspicion.of_scale, of_scale=0.0)
+    rotation_deg, translation_mm = rms(fit.error)
     return HandEye(
         Pose(right, carried(right, covariance[6:12, 6:12]), M, TCP),
         Pose(left, carried(left, covariance[:6, :6]), R, OTS),
-        fit.rotation_rms_deg,
-        fit.translation_rms_mm,
+        rotation_deg,
+        translation_mm,
         float(np.sqrt(((fit.error @ point_jacobian(right[:3, 3]).T) ** 2).sum(axis=1).mean())),
-        suspicion._replace(scale=suspicion.scale * unit, scale_sd=suspicion.scale_sd * unit),
+        in_units(suspicion, ots_from_m, robot_from_m, fit.sds, frames),
     )
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from ronnaplan.pose import Pose
 from ronnaplan.robot.by_pose import UNSUSPECTED, Suspicion
+from ronnaplan.robot.hand_eye_refused import told_late
 from ronnaplan.robot.hand_eye_step import Step
 
 SWAPPED = 1.5
@@ -47,13 +48,20 @@ class HandEye:
                 f"poses of the tracker that are an earlier one to the last digit were left out, {self.repeated} in "
                 "all: look whether the tool was hidden then"
             )
-        if self.translation_rms_mm > SWAPPED * self.tcp_rms_mm:
+        late = self.by_pose.of_delay > SURELY_BY_POSE
+        if self.translation_rms_mm > SWAPPED * self.tcp_rms_mm and not late:
             told.append(
                 f"the poses of M err by {self.translation_rms_mm:.3f} mm RMS at its origin and by "
                 f"{self.tcp_rms_mm:.3f} mm at the TCP, as if the TCP were what the tracker sees: check which recording "
                 "is the tracker's and which the robot's"
             )
-        if self.out_of_step:
+        if late:
+            told.append(
+                f"the poses fit far better if {told_late(self.by_pose.delay)} (standard error "
+                f"{self.by_pose.delay_sd:.3f}); no number of poses averages that out, and the stated errors count it: "
+                "record both at the same moments, or stand still for each"
+            )
+        elif self.out_of_step:
             told.append(
                 "the poses of robot and tracker fit far better one apart, as if they were not of the same moments: "
                 "check how they are numbered and by how much either is late, or stand still for each"
@@ -66,7 +74,7 @@ class HandEye:
                 "poses averages that out, and the stated errors count it: check the tracker's calibration, its tool's "
                 "geometry and the robot's lengths and joints, and record anew"
             )
-        elif self.by_pose.of_any > SURELY_BY_POSE:
+        elif self.by_pose.of_any > SURELY_BY_POSE and not late:
             told.append(
                 "the errors depend on the robot's pose, as where its joints' zeros or its tool's data are off, it "
                 "bends under its weight, or the tracker's distances are wrong; no number of poses averages that out, "

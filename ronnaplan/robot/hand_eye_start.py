@@ -69,7 +69,7 @@ def far_off(seen: FloatArray, driven: FloatArray) -> NDArray[np.bool_]:
     in_tool = _left(seen, driven)
     in_tracker = in_tool @ seen[:, :3, :3].swapaxes(1, 2)
     lengths = (np.linalg.norm(one, axis=2) for one in (in_tool, _alike(in_tool), _alike(in_tracker)))
-    return np.logical_and.reduce([one > SLIP_SDS * _usual(one) for one in lengths]).any(axis=1)
+    return np.asarray(np.all([one > SLIP_SDS * _usual(one) for one in lengths], axis=0).any(axis=1))
 
 
 def which_are_far(frames: Sequence[int], far: Sequence[int]) -> tuple[str, str]:
@@ -98,7 +98,7 @@ def _left(seen: FloatArray, driven: FloatArray) -> FloatArray:
     """Return turns and shifts (N, 2, 3) that poses leave where their lengths, by what is usual, have the least sum."""
     weight = np.ones(len(seen))
     for _ in range(ROUNDS):
-        error = discrepancies(seen, driven, *closed_form(seen, driven, weight)).reshape(-1, 2, 3)
+        error: FloatArray = discrepancies(seen, driven, *closed_form(seen, driven, weight)).reshape(-1, 2, 3)
         lengths = np.asarray(np.linalg.norm(error, axis=2))
         # a length below the usual one counts as that: least squares among those that are right
         before, weight = weight, 1 / np.maximum((lengths / _usual(lengths)).max(axis=1), 1.0)
@@ -117,7 +117,7 @@ def _alike(error: FloatArray) -> FloatArray:
         squares = np.einsum("nki,kij,nkj->nk", error, np.linalg.inv(shape), error)
         directions = error / np.sqrt(np.maximum(squares, np.finfo(float).tiny))[..., None]
         shape = np.array([of_volume_one(one) for one in np.einsum("nki,nkj->kij", directions, directions)])
-    return np.einsum("kij,nkj->nki", np.linalg.inv(np.linalg.cholesky(shape)), error)
+    return np.asarray(np.einsum("kij,nkj->nki", np.linalg.inv(np.linalg.cholesky(shape)), error))
 
 
 def _angle_left(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> float:

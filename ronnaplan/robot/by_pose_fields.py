@@ -1,0 +1,130 @@
+"""What errors that depend on the robot's pose add to the poses of a hand-eye recording, and in which units."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.pose import cross_matrix, invert
+from ronnaplan.robot.by_pose import Cause, Suspicion
+
+ALIKE = 10.0
+"""Variance of what is alike in all poses, in that of what differs: over a recording an arm's axes and reach, and the
+way to the tracker, change little."""
+LEAST_SPREAD = 0.01
+"""Places that lie nearer together, in parts of their distance from the tracker, tell nothing of its scale."""
+LEAST_SHOWN = 30.0
+"""So many times its noise has to be what places show of a scale: of a tool that swings about its tip that is noise."""
+
+
+def fields(
+    ots_from_m: FloatArray,
+    robot_from_m: FloatArray,
+    robot_from_tcp: FloatArray,
+    sds: FloatArray,
+    frames: Sequence[int],
+) -> dict[Cause, FloatArray]:
+    """Return (N, 6, s) for each cause: what the field's unknowns, each of about unit size, add to the poses of M.
+
+    Poses are (N, 4, 4), all three as the robot tells them: the tracker's have the noise that is judged, and a scale of
+    100 % leaves none of it. What is added is in M's axes, and in ``sds`` (6,) of its noise. That of a scale is what one
+    standard deviation of places, over `spread_mm`, adds where the tracker tells distances too long. That of a delay is
+    what so much of a frame adds as moves M by one standard deviation, where the tracker's poses are late (`moving`).
+    """
+    places = robot_from_tcp[:, :3, 3]
+    usual = np.sqrt((places**2).sum(axis=1).mean())
+    alike = np.full((len(places), 1), np.sqrt(ALIKE))
+    to_m = robot_from_m[:, :3, :3].swapaxes(1, 2)
+    moved = np.zeros((len(places), 6, 6))
+    moved[:, :3, :3] = moved[:, 3:, 3:] = to_m
+    moved[:, 3:, :3] = to_m @ cross_matrix(places - robot_from_m[:, :3, 3]) * (sds[0] / sds[3])
+    of_any = np.hstack([alike, places / usual, robot_from_tcp[:, :3, :3].reshape(-1, 9) / np.sqrt(3)])
+    out = np.hypot(places[:, 0], places[:, 1])[:, None]
+    of_reach = np.hstack([alike, out / usual, places[:, 2:] / usual])
+    in_plane = moved @ _upright(places[:, :2] / np.maximum(out, np.finfo(float).tiny))
+    scaled = np.zeros((len(places), 6, 1))
+    away = np.einsum("nji,nj->ni", ots_from_m[:, :3, :3], ots_from_m[:, :3, 3])
+    scaled[:, 3:, 0] = -away / spread_mm(ots_from_m)
+    return {
+        Cause.ANY: _linear(moved, of_any / np.sqrt(3)),
+        Cause.BENDING: _linear(in_plane, of_reach / np.sqrt(3)),
+        Cause.SCALE: scaled,
+        Cause.DELAY: moving(robot_from_m, sds, frames)[0],
+    }
+
+
+def moving(robot_from_m: FloatArray, sds: FloatArray, frames: Sequence[int]) -> tuple[FloatArray, float]:
+    """Return (N, 6, 2): what a delay, and half of its square, add to poses; and the delay that adds one, RMS.
+
+    Both are told by the nearest two poses, as ``frames`` (N,) number them.
+    """
+    times, count = np.asarray(frames, dtype=float), len(frames)
+    nearest = np.clip(np.arange(count), 1, count - 2)[:, None] + [-1, 0, 1]
+    others = nearest[nearest != np.arange(count)[:, None]].reshape(count, 2)
+    before, after = (times[others] - times[:, None]).T[..., None]
+    first, second = (_apart(robot_from_m, robot_from_m[other]) for other in others.T)
+    nodes = before * after * (after - before)
+    speed = (first * after**2 - second * before**2) / nodes
+    gain = 2 * (second * before - first * after) / nodes
+    gain[:, 3:] -= 2 * np.cross(speed[:, :3], speed[:, 3:])
+    added = np.stack([speed, -gain], axis=2) / sds[:, None]
+    unit = 1 / max(float(np.sqrt((added[..., 0] ** 2).mean())), np.finfo(float).tiny)
+    return added * [unit, unit**2 / 2], unit
+
+
+def _apart(poses: FloatArray, others: FloatArray) -> FloatArray:
+    """Return (N, 6): rotation vector and shift of ``others`` (N, 4, 4) as ``poses`` (N, 4, 4) see them."""
+    from scipy.spatial.transform import Rotation
+
+    apart = invert(poses) @ others
+    return np.concatenate([Rotation.from_matrix(apart[:, :3, :3]).as_rotvec(), apart[:, :3, 3]], axis=1)
+
+
+def shows_scale(seen: FloatArray, ots_from_m: FloatArray, design: FloatArray, sd_mm: float) -> bool:
+    """Tell whether a scale can show in poses ``seen`` (N, 4, 4) of places that err by ``sd_mm``, or noise alone.
+
+    It shows in what the fit's constants, ``design`` (N, 6, p), leave of the places ``ots_from_m`` (N, 4, 4), as the
+    robot tells them. Of a tool that swings about its tip that is the robot's noise, which is in the poses' errors,
+    too, and then makes up for them with a scale of its own.
+    """
+    field = np.zeros((len(seen), 6))
+    field[:, 3:] = np.einsum("nji,nj->ni", seen[:, :3, :3], ots_from_m[:, :3, 3]) / sd_mm
+    flat = design.reshape(field.size, -1)
+    left = field.ravel() - flat @ np.linalg.lstsq(flat, field.ravel(), rcond=None)[0]
+    return bool(left @ left > LEAST_SHOWN**2 * field[:, 3:].size)
+
+
+def spread_mm(poses: FloatArray) -> float:
+    """Return how far apart the places of ``poses`` (N, 4, 4) are, RMS, or `LEAST_SPREAD` if that is less."""
+    places = poses[:, :3, 3]
+    apart, away = (np.sqrt((one**2).sum(axis=1).mean()) for one in (places - places.mean(axis=0), places))
+    return float(max(apart, LEAST_SPREAD * away, np.finfo(float).tiny))
+
+
+def in_units(
+    suspicion: Suspicion, ots_from_m: FloatArray, robot_from_m: FloatArray, sds: FloatArray, frames: Sequence[int]
+) -> Suspicion:
+    """Return ``suspicion`` of `fields` with its scale as a share of distances, and its delay in frames."""
+    share, delay = float(sds[3]) / spread_mm(ots_from_m), moving(robot_from_m, sds, frames)[1]
+    return suspicion._replace(
+        scale=suspicion.scale * share,
+        scale_sd=suspicion.scale_sd * share,
+        delay=suspicion.delay * delay,
+        delay_sd=suspicion.delay_sd * delay,
+    )
+
+
+def _upright(outwards: FloatArray) -> FloatArray:
+    """Return (N, 6, 3): a turn in the upright plane that holds ``outwards`` (N, 2), and shifts outwards and upwards."""
+    in_plane = np.zeros((len(outwards), 6, 3))
+    in_plane[:, 0, 0], in_plane[:, 1, 0] = -outwards[:, 1], outwards[:, 0]
+    in_plane[:, 3:5, 1] = outwards
+    in_plane[:, 5, 2] = 1
+    return in_plane
+
+
+def _linear(moved: FloatArray, numbers: FloatArray) -> FloatArray:
+    """Return (N, 6, m k): what ``moved`` (N, 6, m) is for each of ``numbers`` (N, k)."""
+    return np.asarray((moved[:, :, None, :] * numbers[:, None, :, None]).reshape(len(moved), 6, -1))
