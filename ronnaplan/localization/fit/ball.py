@@ -7,8 +7,9 @@ Slice profiles range from the box of an axial scan to the bells of helical and c
 Tomography, 2011, section 3.3), and the header's thickness is not their width. They are taken as (1 - x^2)^shape on
 |x| < 1, the symmetric beta distribution: a box at shape 0, a parabola at 1, nearly a Gaussian from 4 on.
 
-All voxels of a slice see the same discs, so these are laid out once a slice; the blurred disc and its derivatives are
-looked up, for each voxel and disc, in one table.
+All voxels of a slice see the same discs, so these are laid out once a slice (`fit.pile`); the blurred disc and its
+derivatives are looked up in one table, for each disc and voxel, or, where these are many, for places between which the
+voxels lie.
 """
 
 from __future__ import annotations
@@ -21,12 +22,8 @@ import numpy as np
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.disc import CURVATURE_STEPS, EDGE_REACH, EDGE_STEPS, disc_table
-from ronnaplan.localization.fit.parameters import BLUR, EDGE, RADIUS, SHAPE, WIDTH, U, V, W, profile_half_mm
-
-FEW_DISCS, SOME_DISCS = 3, 5
-FEW_SPREAD, SOME_SPREAD = 1.0, 2.5
-"""So many discs stand for one slice's profile where their radii differ by no more than this many times the blur, which
-is everywhere but near the poles: they keep the error below 0.1 % of the contrast."""
+from ronnaplan.localization.fit.parameters import BLUR, EDGE, RADIUS, SHAPE, WIDTH, U, V, W
+from ronnaplan.localization.fit.pile import SOME_DISCS, lay_out, profile_rules, slice_profile
 
 POLE_DISCS = (8, 16)
 """Near the poles the discs are spread evenly over the latitude instead: eight up to a width of 0.6 R, sixteen
@@ -35,8 +32,10 @@ beyond."""
 THIN_SHARE = 0.6
 """Slices are thin beside the ball up to this share of its radius."""
 
-_STEP = 1e-4
-"""Step of the derivatives of log-gamma."""
+PLACES_PER_BLUR, PLACES_BETWEEN, FEWER_PLACES = 3, 6, 1.5
+"""Voxels of a slice that are as far from the ball's axis see the same. Where a slice has more of them, by the last
+factor, than there are places so many to a blur, these are looked at, and voxels are told by the six nearest: to 1e-4 of
+the contrast at worst, and 1e-5 RMS, which moves centers by 5 nm."""
 
 Discs = tuple[FloatArray, FloatArray, FloatArray]
 """What the compiled functions look up: the table of blurred discs, and places and weights of the discs at the poles."""
@@ -53,94 +52,6 @@ def _pole_nodes(count: int) -> tuple[FloatArray, FloatArray]:
     """Positions (as a share of the latitudes within the slice, 0 to 1) and weights of a slice's discs."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     return (nodes + 1.0) / 2.0, weights / 2.0
-
-
-_half_mm = njit(cache=True)(profile_half_mm)
-"""Compiled here: whoever reads parameters only, as what draws answers does, loads no compiler."""
-
-
-@njit(cache=True)
-def slice_profile(width: float, shape: float) -> tuple[float, float, float]:
-    """Half the profile's support (mm), its height in the middle (1/mm), and its mean of log(1 - x^2)."""
-    half = _half_mm(width, shape)
-    mass = math.lgamma(shape + 1.0) - math.lgamma(shape + 1.5)
-    above = math.lgamma(shape + 1.0 + _STEP) - math.lgamma(shape + 1.5 + _STEP)
-    below = math.lgamma(shape + 1.0 - _STEP) - math.lgamma(shape + 1.5 - _STEP)
-    return half, math.exp(-mass) / (math.sqrt(math.pi) * half), (above - below) / (2.0 * _STEP)
-
-
-@njit(cache=True)
-def profile_rules(shape: float) -> FloatArray:
-    """Gauss's quadratures for the weight (1 - x^2)^shape on (-1, 1), normalized: `FEW_DISCS` rows, then `SOME_DISCS`.
-
-    Each row (of 8) is a place, its weight, and the weight's derivative by the shape. The nodes are the roots of the
-    weight's orthogonal polynomials, in closed form; the weights give the moments of x^2 and x^4 (W. Gautschi,
-    Orthogonal Polynomials, 2004, section 1.4).
-    """
-    rules = np.zeros((FEW_DISCS + SOME_DISCS, 3))
-    single = 3.0 / (2.0 * shape + 5.0)
-    total = 10.0 / (2.0 * shape + 9.0)
-    product = 15.0 / ((2.0 * shape + 7.0) * (2.0 * shape + 9.0))
-    root = math.sqrt(0.25 * total * total - product)
-    outer, inner = 0.5 * total + root, 0.5 * total - root
-    second = 1.0 / (2.0 * shape + 3.0)
-    fourth = second * single
-    fourth_by_shape = -2.0 * fourth * (second + 1.0 / (2.0 * shape + 5.0))
-    moments = ((1.0, second, fourth), (0.0, -2.0 * second * second, fourth_by_shape))
-    for column in range(2):
-        whole, by_second, by_fourth = moments[column]
-        few = 0.5 * by_second / single
-        far = 0.5 * (by_fourth - inner * by_second) / (outer * (outer - inner))
-        near = 0.5 * (outer * by_second - by_fourth) / (inner * (outer - inner))
-        weights = (few, whole - 2.0 * few, few, far, near, whole - 2.0 * (far + near), near, far)
-        for row in range(len(weights)):
-            rules[row, column + 1] = weights[row]
-    rules[0, 0], rules[2, 0] = -math.sqrt(single), math.sqrt(single)
-    rules[3, 0], rules[7, 0] = -math.sqrt(outer), math.sqrt(outer)
-    rules[4, 0], rules[6, 0] = -math.sqrt(inner), math.sqrt(inner)
-    return rules
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _lay_out(
-    dw: float,
-    radius: float,
-    sigma: float,
-    profile: tuple[float, float, float, float],
-    rules: FloatArray,
-    nodes: FloatArray,
-    weights: FloatArray,
-    pile: FloatArray,
-) -> tuple[int, float, float]:
-    """Fill ``pile`` (4, Q) with the discs that a slice at ``dw`` (mm from the center) sees.
-
-    Their places (mm), radii (mm), weights, and the weights' derivatives by the profile's shape. Returns how many
-    they are, and the least and the largest radius within the slice. ``profile``: shape, and what `slice_profile` tells.
-    """
-    shape, half, height, mean_log = profile
-    square = radius * radius
-    nearest, farthest = max(abs(dw) - half, 0.0), abs(dw) + half
-    widest = math.sqrt(square - nearest * nearest)
-    narrowest = 0.0 if farthest >= radius else math.sqrt(square - farthest * farthest)
-    spread = (widest - narrowest) / sigma
-    if farthest < radius and spread <= SOME_SPREAD:
-        first, count = (0, FEW_DISCS) if spread <= FEW_SPREAD else (FEW_DISCS, SOME_DISCS)
-        for q in range(count):
-            place = dw + half * rules[first + q, 0]
-            pile[0, q], pile[1, q] = place, math.sqrt(square - place * place)
-            pile[2, q], pile[3, q] = rules[first + q, 1], rules[first + q, 2]
-        return count, narrowest, widest
-    # The sum is over the latitude phi (w = R sin phi), in which even the polar cap is smooth.
-    south = math.asin(max(dw - half, -radius) / radius)
-    span = math.asin(min(dw + half, radius) / radius) - south
-    for q in range(len(nodes)):
-        latitude = south + span * nodes[q]
-        place, a = radius * math.sin(latitude), radius * math.cos(latitude)
-        x = (place - dw) / half
-        log = math.log(max(1.0 - x * x, 1e-12))
-        weight = weights[q] * span * height * a * math.exp(shape * log)
-        pile[0, q], pile[1, q], pile[2, q], pile[3, q] = place, a, weight, weight * (log - mean_log)
-    return len(nodes), narrowest, widest
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")  # a call would take a tenth longer
@@ -165,6 +76,84 @@ def _looked_up(
 
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "reassoc", "arcp", "nsz"})
+def _look(
+    r: float, inverse: float, edge: float, dw: float, pile: FloatArray, table: FloatArray, told: FloatArray
+) -> None:
+    """Fill ``told`` (8,) with what a place ``r`` mm from the ball's axis sees of the discs of a ``pile`` (4, Q).
+
+    That is its share, and what its derivatives by r, w, radius, blur, edge, width and shape are made of.
+    """
+    y = 2.0 * CURVATURE_STEPS / (r * inverse + 2.0)
+    i = min(int(y), CURVATURE_STEPS - 1)
+    y -= i
+    value = by_r = by_radius = by_blur = by_edge = by_w = by_width = by_shape = 0.0
+    for q in range(pile.shape[1]):
+        place, a, weight, weight_by_shape = pile[0, q], pile[1, q], pile[2, q], pile[3, q]
+        distance = (a - r) * inverse
+        if distance <= -EDGE_REACH:
+            continue
+        if distance >= EDGE_REACH:
+            value += weight
+            by_shape += weight_by_shape
+            continue
+        disc, disc_by_a, disc_by_r, along, along_by_a, along_by_r, twice_along = _looked_up(table, i, y, distance)
+        disc += edge * along
+        by_a = weight * (disc_by_a + edge * along_by_a)
+        value += weight * disc
+        by_edge += weight * along
+        by_shape += weight_by_shape * disc
+        by_r += weight * (disc_by_r + edge * along_by_r)
+        by_radius += by_a
+        by_blur -= weight * (along + edge * twice_along)
+        by_w += place * by_a
+        by_width -= place * by_a * (place - dw)
+    told[0], told[1], told[2], told[3] = value, by_r, by_w, by_radius
+    told[4], told[5], told[6], told[7] = by_blur, by_edge, by_width, by_shape
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _look_between(places: FloatArray, at: float, told: FloatArray) -> None:
+    """Fill ``told`` (8,) with what is seen ``at`` so many rows of ``places`` (M, 8), by the nearest six (Lagrange)."""
+    m = min(max(int(at) - 2, 0), len(places) - PLACES_BETWEEN)
+    a = at - m
+    b, c, d, e, f = a - 1.0, a - 2.0, a - 3.0, a - 4.0, a - 5.0
+    ab, cd, ef = a * b, c * d, e * f
+    one, two, three = b * cd * ef / -120.0, a * cd * ef / 24.0, ab * d * ef / -12.0
+    four, five, six = ab * c * ef / 12.0, ab * cd * f / -24.0, ab * cd * e / 120.0
+    for p in range(8):
+        left = one * places[m, p] + two * places[m + 1, p] + three * places[m + 2, p]
+        told[p] = left + four * places[m + 3, p] + five * places[m + 4, p] + six * places[m + 5, p]
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "reassoc", "arcp", "nsz"})
+def _fill_distances(offsets: FloatArray, theta: FloatArray, first: int, distances: FloatArray) -> int:
+    """Fill the ``distances`` (N,) from the ball's axis, of the voxels of the slice that begins at the ``first``.
+
+    Returns where the slice ends.
+    """
+    end = first
+    while end < len(offsets) and offsets[end, 2] == offsets[first, 2]:
+        du, dv = offsets[end, 0] - theta[U], offsets[end, 1] - theta[V]
+        distances[end] = math.sqrt(du * du + dv * dv)
+        end += 1
+    return end
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _places_to_know(distances: FloatArray, low: float, high: float, step: float) -> tuple[float, int]:
+    """Return where places a ``step`` apart begin, by which ``distances`` from ``low`` to ``high`` are told.
+
+    And how many they are: none where that would not be fewer.
+    """
+    nearest, farthest, seen = high, low, 0
+    for r in distances:
+        if low < r < high:
+            nearest, farthest, seen = min(nearest, r), max(farthest, r), seen + 1
+    count = max(math.ceil((farthest - nearest) / step) + 1, PLACES_BETWEEN) if seen > 0 else 0
+    return nearest, count if FEWER_PLACES * count < seen else 0
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "reassoc", "arcp", "nsz"})
 def add_ball(
     offsets: FloatArray,
     theta: FloatArray,
@@ -182,59 +171,39 @@ def add_ball(
     """
     sigma, edge, width, shape = theta[BLUR], theta[EDGE], theta[WIDTH], theta[SHAPE]
     half, height, mean_log = slice_profile(width, shape)
-    rules = profile_rules(shape)
-    pile = np.empty((4, max(len(nodes), SOME_DISCS)))
-    inverse, reach, support_by_shape = 1.0 / sigma, EDGE_REACH * sigma, 1.0 / (2.0 * shape + 3.0)
-    latest_w, count, narrowest, widest = math.nan, 0, 0.0, 0.0
-    for n in range(len(offsets)):
-        shares[n] = 0.0
-        du, dv, dw = offsets[n, 0] - theta[U], offsets[n, 1] - theta[V], offsets[n, 2] - theta[W]
+    profile, rules = (shape, half, height, mean_log), profile_rules(shape)
+    pile, told, distances = np.empty((4, max(len(nodes), SOME_DISCS))), np.empty(8), np.empty(len(offsets))
+    inverse, reach, step = 1.0 / sigma, EDGE_REACH * sigma, sigma / PLACES_PER_BLUR
+    square_inverse, support_by_shape = contrast * inverse * inverse, 1.0 / (2.0 * shape + 3.0)
+    first = 0
+    while first < len(offsets):  # slice by slice
+        dw, end = offsets[first, 2] - theta[W], _fill_distances(offsets, theta, first, distances)
+        some, first = range(first, end), end
+        shares[some.start : end] = 0.0
         if abs(dw) - half >= radius:
             continue
-        if dw != latest_w:
-            profile = (shape, half, height, mean_log)
-            count, narrowest, widest = _lay_out(dw, radius, sigma, profile, rules, nodes, weights, pile)
-            latest_w = dw
-        r = math.sqrt(du * du + dv * dv)
-        if r - widest >= reach:
-            continue
-        if narrowest - r >= reach:
-            shares[n] = 1.0
-            continue
-        y = 2.0 * CURVATURE_STEPS / (r * inverse + 2.0)
-        i = min(int(y), CURVATURE_STEPS - 1)
-        y -= i
-        value = by_r = by_radius = by_blur = by_edge = by_w = by_width = by_shape = 0.0
-        for q in range(count):
-            place, a, weight, weight_by_shape = pile[0, q], pile[1, q], pile[2, q], pile[3, q]
-            distance = (a - r) * inverse
-            if distance <= -EDGE_REACH:
+        count, narrowest, widest = lay_out(dw, radius, sigma, profile, rules, nodes, weights, pile)
+        low, high = narrowest - reach, widest + reach
+        begin, known = _places_to_know(distances[some.start : end], low, high, step)
+        discs_seen, places = pile[:, :count], np.empty((known, 8))
+        for m in range(known):
+            _look(begin + m * step, inverse, edge, dw, discs_seen, table, places[m])
+        for n in some:
+            r = distances[n]
+            if not low < r < high:
+                shares[n] = 1.0 if r <= low else 0.0
                 continue
-            if distance >= EDGE_REACH:
-                value += weight
-                by_shape += weight_by_shape
-                continue
-            disc, disc_by_a, disc_by_r, along, along_by_a, along_by_r, twice_along = _looked_up(
-                table, i, y, distance
-            )
-            disc += edge * along
-            by_a = weight * (disc_by_a + edge * along_by_a)
-            value += weight * disc
-            by_edge += weight * along
-            by_shape += weight_by_shape * disc
-            by_r += weight * (disc_by_r + edge * along_by_r)
-            by_radius += by_a
-            by_blur -= weight * (along + edge * twice_along)
-            by_w += place * by_a
-            by_width -= place * by_a * (place - dw)
-        shares[n] = value
-        beside = -contrast * inverse * by_r / max(r, 1e-12)
-        square_inverse = contrast * inverse * inverse
-        jacobian[n, U] += beside * du
-        jacobian[n, V] += beside * dv
-        jacobian[n, W] += square_inverse * by_w
-        jacobian[n, RADIUS] += square_inverse * radius * by_radius
-        jacobian[n, BLUR] += contrast * by_blur * inverse
-        jacobian[n, EDGE] += contrast * by_edge
-        jacobian[n, WIDTH] += square_inverse * by_width / width
-        jacobian[n, SHAPE] += contrast * by_shape + square_inverse * by_width * support_by_shape
+            if known > 0:
+                _look_between(places, (r - begin) / step, told)
+            else:
+                _look(r, inverse, edge, dw, discs_seen, table, told)
+            shares[n] = told[0]
+            beside = -contrast * inverse * told[1] / max(r, 1e-12)
+            jacobian[n, U] += beside * (offsets[n, 0] - theta[U])
+            jacobian[n, V] += beside * (offsets[n, 1] - theta[V])
+            jacobian[n, W] += square_inverse * told[2]
+            jacobian[n, RADIUS] += square_inverse * radius * told[3]
+            jacobian[n, BLUR] += contrast * told[4] * inverse
+            jacobian[n, EDGE] += contrast * told[5]
+            jacobian[n, WIDTH] += square_inverse * told[6] / width
+            jacobian[n, SHAPE] += contrast * told[7] + square_inverse * told[6] * support_by_shape

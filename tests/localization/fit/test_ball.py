@@ -7,9 +7,10 @@ import pytest
 from scipy.special import chndtr, i0e, i1e
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.fit.ball import discs, slice_profile
+from ronnaplan.localization.fit.ball import discs
 from ronnaplan.localization.fit.model import evaluate
 from ronnaplan.localization.fit.parameters import BLUR, CONTRAST, EDGE, PARAMETERS, RADIUS, SHAPE, WIDTH
+from ronnaplan.localization.fit.pile import slice_profile
 
 SAME_SHARE = 2e-4
 """Of the contrast, away from the poles: straight lines between the places of `disc_table` are off by half of it."""
@@ -42,3 +43,19 @@ def test_a_slice_sees_what_its_discs_show_wherever_a_voxel_lies(
         offsets = np.column_stack([0.6 * r, -0.8 * r, np.full(len(r), w)])
         values, _ = evaluate(offsets, theta, 0.0, *discs(theta))
         assert np.abs(values - seen_exactly(r, w, theta)).max() < SAME_SHARE
+
+
+@pytest.mark.parametrize("w", [0.3, 3.0, 5.6])
+def test_a_voxel_sees_the_same_among_many_of_its_slice_as_alone(w: float) -> None:
+    theta = np.zeros(len(PARAMETERS))
+    theta[[RADIUS, BLUR, EDGE, WIDTH, SHAPE, CONTRAST]] = 5.75, 0.5, 0.3, 1.0, 0.7, 1.0
+    u, v = (some.ravel() for some in np.meshgrid(np.arange(-9.0, 9.0, 0.45), np.arange(-9.0, 9.0, 0.47)))
+    many = np.column_stack([u, v, np.full(u.shape, w)])
+    together, by_all = evaluate(many, theta, 0.0, *discs(theta))
+    alone, by_each = (np.concatenate(some) for some in zip(*_each(many, theta), strict=True))
+    assert np.abs(together - alone).max() < 1e-4
+    assert (np.abs(by_all - by_each) < 1e-4 + 2e-3 * np.abs(by_each).max(axis=0)).all()
+
+
+def _each(many: FloatArray, theta: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+    return [evaluate(one[np.newaxis], theta, 0.0, *discs(theta)) for one in many]
