@@ -57,6 +57,13 @@ def has_layer(theta: FloatArray) -> bool:
     return (len(theta) - _LAYER_AT) & _LAYER_COUNT != 0
 
 
+def spheres(theta: FloatArray, layer_mm: float) -> list[tuple[float, float]]:
+    """Return radius (mm) and level (HU) of the ball, and of the second one of a hollow or wrapped marker."""
+    ball = (float(theta[RADIUS]), float(theta[CONTRAST]))
+    second = [(ball[0] + layer_mm, float(theta[_LAYER_AT]))] if has_layer(theta) else []
+    return [ball, *second]
+
+
 @njit(cache=True)
 def has_streaks(theta: FloatArray) -> bool:
     """Whether ``theta`` (P,) holds `STREAK_PARAMETERS`."""

@@ -27,7 +27,6 @@ from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.algebra import inverse
 from ronnaplan.localization.fit.ball_fit import BallFit
-from ronnaplan.localization.fit.model import has_layer
 from ronnaplan.localization.fit.neighbourhood import first_of_each
 from ronnaplan.localization.fit.parameters import BACKGROUND, BLUR, CENTER, RADIUS, WIDTH, U, V, W
 from ronnaplan.localization.fit.refine import refit
@@ -78,11 +77,11 @@ class Head(Enum):
 def without_the_head(volume: CTVolume, fit: BallFit, head: Head) -> BallFit:
     """Return the fit of a ball with what the ``head`` does to its image made good; as it is, where that is not known.
 
-    That is so of balls whose contrast the scale's end hides, and of metal, hollow or wrapped ones: other things bend
-    their image, too. What is clipped has been looked for as if it were metal. The contrast does not slope then
+    That is so of balls whose contrast the scale's end hides, and of metal or wrapped ones: other things bend their
+    image, too. What is clipped has been looked for as if it were metal. The contrast does not slope then
     (`fit.shading`), for why it does is given back.
     """
-    if head is Head.LEFT or fit.may_be_metal or has_layer(fit.theta):
+    if head is Head.LEFT or fit.may_be_metal or fit.prior.layer_mm > 0.0:
         return fit
     seen, before_mm, share = fit.neighbourhood, fit.center_mm, 0.0
     beside = all_beside(volume, fit)
@@ -146,7 +145,7 @@ def pictures_hu(beside: Beside, fit: BallFit) -> tuple[FloatArray, FloatArray]:
 
     first = first_of_each(around.slices)
     heights_mm = offsets_mm[first, W]
-    chords = _chords(theta, heights_mm, across_mm)[:, np.newaxis]
+    chords = _chords(theta, fit.prior.layer_mm, heights_mm, across_mm)[:, np.newaxis]
     rises, kernel = -_slopes(chords, step_mm), _kernel(theta, places_mm, across_mm).T
     numbers = np.searchsorted(around.slices[first], around.slices)
     pictures = np.zeros((2, len(offsets_mm)))
@@ -176,11 +175,11 @@ def _between(values: FloatArray, known: FloatArray, wanted: FloatArray, axis: in
     return told
 
 
-def _chords(theta: FloatArray, heights_mm: FloatArray, across_mm: FloatArray) -> FloatArray:
+def _chords(theta: FloatArray, layer_mm: float, heights_mm: FloatArray, across_mm: FloatArray) -> FloatArray:
     """What rays across slices at these heights (K,) from the ball's center lose to it, (K, S)."""
     within_mm, weights = profile_seen(theta)
     above_mm = heights_mm[:, np.newaxis, np.newaxis] + within_mm
-    losses: FloatArray = chord_losses(theta, across_mm[:, np.newaxis], above_mm) @ weights
+    losses: FloatArray = chord_losses(theta, layer_mm, across_mm[:, np.newaxis], above_mm) @ weights
     return losses
 
 

@@ -19,10 +19,10 @@ from kernelcache import njit
 from ronnaplan.ct.volume import CTVolume, Voxels
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.ball_fit import BallFit
+from ronnaplan.localization.fit.model import spheres
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood, first_of_each
 from ronnaplan.localization.fit.parameters import (
     BLUR,
-    CONTRAST,
     EDGE,
     RADIUS,
     SHAPE,
@@ -86,15 +86,16 @@ UNTOLD = Summed(first=False, error=math.sqrt(0.5))
 """Where nothing tells, nothing is made good, though either is as likely as the other."""
 
 
-def lost_hu(around: Neighbourhood, theta: FloatArray, slope_per_mm: float) -> FloatArray:
+def lost_hu(around: Neighbourhood, theta: FloatArray, slope_per_mm: float, layer_mm: float = 0.0) -> FloatArray:
     """HU (N,) by which a ball of parameters ``theta`` (P,) is darker where the rays were summed first.
 
-    ``slope_per_mm`` says how much more of the logarithm all else takes for each mm of height.
+    ``slope_per_mm`` says how much more of the logarithm all else takes for each mm of height, ``layer_mm`` how the
+    ball is made, as in `Build`.
     """
     first = first_of_each(around.slices)
     from_axis_mm = np.hypot(around.offsets_mm[:, U] - theta[U], around.offsets_mm[:, V] - theta[V])
     radii_mm = np.linspace(0.0, float(from_axis_mm.max()), RADII)
-    lost = _lost(around.offsets_mm[first, W] - theta[W], theta, slope_per_mm)
+    lost = _lost(around.offsets_mm[first, W] - theta[W], theta, layer_mm, slope_per_mm)
     pictures_hu = _pictures_hu(lost, theta, radii_mm)
     of_slices_mm = np.split(from_axis_mm, first[1:])
     return np.concatenate(
@@ -108,7 +109,7 @@ def lost_hu(around: Neighbourhood, theta: FloatArray, slope_per_mm: float) -> Fl
 def what_is_lost_hu(volume: CTVolume, fit: BallFit) -> FloatArray:
     """HU (N,) by which the voxels of a ball's fit are darker where rays were summed first."""
     slope_per_mm = slope_beside_per_mm(volume, fit.center_mm, fit.diameter_mm / 2.0)
-    return lost_hu(fit.neighbourhood, fit.theta, slope_per_mm)
+    return lost_hu(fit.neighbourhood, fit.theta, slope_per_mm, fit.prior.layer_mm)
 
 
 def _beside_mm(theta: FloatArray) -> FloatArray:
@@ -116,11 +117,11 @@ def _beside_mm(theta: FloatArray) -> FloatArray:
     return (np.arange(CHORDS) + 0.5) / CHORDS * float(theta[RADIUS])
 
 
-def _lost(places_mm: FloatArray, theta: FloatArray, slope_per_mm: float) -> FloatArray:
+def _lost(places_mm: FloatArray, theta: FloatArray, layer_mm: float, slope_per_mm: float) -> FloatArray:
     """How much of the logarithm is lost to each chord (K, `CHORDS`) of a ball in slices at ``places_mm`` (K,)."""
     heights_mm, profile = profile_seen(theta)
     from_middle_mm = places_mm[:, np.newaxis, np.newaxis] + heights_mm
-    losses = chord_losses(theta, _beside_mm(theta)[:, np.newaxis], from_middle_mm)
+    losses = chord_losses(theta, layer_mm, _beside_mm(theta)[:, np.newaxis], from_middle_mm)
     other = slope_per_mm * heights_mm
     lost: FloatArray = (
         losses @ profile + np.log(np.exp(-losses - other) @ profile) - np.log(np.exp(-other) @ profile)
@@ -128,12 +129,19 @@ def _lost(places_mm: FloatArray, theta: FloatArray, slope_per_mm: float) -> Floa
     return lost
 
 
-def chord_losses(theta: FloatArray, beside_mm: FloatArray, from_middle_mm: FloatArray) -> FloatArray:
-    """What a ball takes of the logarithm of rays (...) that pass so far beside and above its center."""
-    squares_mm2 = theta[RADIUS] ** 2 - beside_mm**2 - from_middle_mm**2
-    losses: FloatArray = (
-        float(theta[CONTRAST]) / 1000.0 * WATER_PER_MM * 2.0 * np.sqrt(np.maximum(squares_mm2, 0.0))
-    )
+def chord_losses(
+    theta: FloatArray, layer_mm: float, beside_mm: FloatArray, from_middle_mm: FloatArray
+) -> FloatArray:
+    """What a ball takes of the logarithm of rays (...) that pass so far beside and above its center.
+
+    Those that pass its cavity, or what is wrapped around it, lose to that, too: less than nothing to a cavity.
+    """
+    squares_mm2 = beside_mm**2 + from_middle_mm**2
+    losses_hu_mm = [
+        level_hu * 2.0 * np.sqrt(np.maximum(radius_mm**2 - squares_mm2, 0.0))
+        for radius_mm, level_hu in spheres(theta, layer_mm)
+    ]
+    losses: FloatArray = WATER_PER_MM / 1000.0 * np.sum(losses_hu_mm, axis=0)
     return losses
 
 

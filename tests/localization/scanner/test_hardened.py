@@ -11,6 +11,7 @@ from scipy.ndimage import uniform_filter1d
 
 from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import fit_place
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.model import has_streaks
@@ -26,6 +27,9 @@ HEAD_MM, POST_MM = 45.0, 3.0
 
 WATER_PER_MM_AT, GLASS_PER_MM_AT = np.array([0.025, 0.017]), np.array([0.115, 0.052])
 """What water and glass take at two energies of equal strength, of a mm."""
+
+WALL_MM = 1.0
+"""How thick a hollow ball's wall is."""
 
 CLIPPED_HU = np.int16(2600)
 """Where a scale ends, just below the ball of glass."""
@@ -66,11 +70,12 @@ def scanned(
     post_mm: float = POST_MM,
     row_mm: float = 0.0,
     taper: float = 0.0,
+    cavity_mm: float = 0.0,
 ) -> CTVolume:
     """Scan a ball on its post beside a head by parallel rays in cells so wide; water is corrected for.
 
     ``ball`` (E,) and ``water`` (E,) say what they take of a mm at each energy, ``row_mm`` how high a row of cells is,
-    and ``taper`` by how much the head becomes narrower for each mm of height.
+    ``taper`` by how much the head becomes narrower for each mm of height, ``cavity_mm`` the radius of what is hollow.
 
     Only near the ball the image is reconstructed, elsewhere it is as it should be.
     """
@@ -100,7 +105,9 @@ def scanned(
             for within_mm, weight, left in zip(rows_mm, weights / 2.0, by_head, strict=True):
                 half_mm = np.sqrt(max(post_mm**2 - within_mm**2, 0.0))
                 passes = left.copy()
-                passes[meets] *= np.exp(-np.outer(in_disc(beside_mm[meets], RADIUS_MM**2 - within_mm**2), ball))
+                in_wall_mm = in_disc(beside_mm[meets], RADIUS_MM**2 - within_mm**2)
+                in_wall_mm -= in_disc(beside_mm[meets], cavity_mm**2 - within_mm**2)
+                passes[meets] *= np.exp(-np.outer(in_wall_mm, ball))
                 if half_mm > 0.0:
                     passes *= np.exp(-np.outer(in_post(angle, across_mm, half_mm), water))
                 arrives += weight * passes.mean(axis=1)
@@ -129,8 +136,8 @@ def by_one_energy() -> CTVolume:
     return scanned(3.0 * ONE_ENERGY, ONE_ENERGY, float(np.sqrt(12.0 * APERTURE_MM2)), post_mm=0.0)
 
 
-def fitted(volume: CTVolume, head: Head = Head.MADE_GOOD) -> BallFit:
-    fit = fit_place(Scan(volume), CENTER_MM + np.array([0.1, -0.1, 0.05]), 2.0 * RADIUS_MM, head=head)
+def fitted(volume: CTVolume, head: Head = Head.MADE_GOOD, build: Build = SOLID) -> BallFit:
+    fit = fit_place(Scan(volume), CENTER_MM + np.array([0.1, -0.1, 0.05]), 2.0 * RADIUS_MM, build, head)
     assert fit.converged
     return fit
 
@@ -152,6 +159,15 @@ def test_a_dense_ball_on_a_post_is_not_pulled_to_the_head_that_hardens_its_rays(
     assert after.misfit < before.misfit
     assert before.made_good_mm is None
     assert after.made_good_mm == pytest.approx(after.center_mm - before.center_mm, abs=1e-12)
+
+
+def test_a_hollow_ball_is_seen_as_round_as_it_is_beside_a_head_that_hardens_its_rays() -> None:
+    volume = scanned(GLASS_PER_MM_AT, WATER_PER_MM_AT, 0.5, post_mm=0.0, cavity_mm=RADIUS_MM - WALL_MM)
+    hollow = Build.parse(f"shell:{WALL_MM:g}")
+    before, after = fitted(volume, Head.LEFT, hollow), fitted(volume, build=hollow)
+    assert before.misfit > 0.008
+    assert after.misfit < 0.25 * before.misfit
+    assert abs(pulled_mm(after)) < 0.001
 
 
 def test_a_ball_of_ceramic_that_the_scale_clips_is_not_pulled_either(by_two_energies: CTVolume) -> None:
