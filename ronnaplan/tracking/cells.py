@@ -86,6 +86,8 @@ def stated_status(row: Mapping[str, str]) -> str:
     ('not valid', "visible is 'falsch', neither yes nor no", 'ok')
     >>> stated_status({"tracked": "Tracked"}), stated_status({"tracked": "lost"})
     ('ok', "tracked is 'lost', neither yes nor no")
+    >>> stated_status({"occluded": "OK"})
+    "occluded is 'ok', neither yes nor no"
     """
     said = [unescaped(row[name].strip()).lower() for name in STATUS_COLUMNS if row.get(name, "").strip()]
     said = [OK if word in GOOD else word for word in said]
@@ -111,7 +113,8 @@ def _said_of_truth(name: str, word: str) -> str:
     count, is_good = number(word), name not in HIDDEN_COLUMNS
     if word in FALSE or count == 0.0:
         return f"not {name}" if is_good else OK
-    if word in TRUE or word == name or count == 1.0 or (count is not None and count > 0.0 and is_good):
+    is_yes = word in TRUE and (is_good or word != OK)
+    if is_yes or word == name or count == 1.0 or (count is not None and count > 0.0 and is_good):
         return OK if is_good else name
     return f"{name} is '{printable(word, 40)}', neither yes nor no"
 

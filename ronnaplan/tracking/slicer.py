@@ -33,8 +33,15 @@ LINE = "Line"
 """The type of a markup that tells a path, as trajectories go to and from Slicer: two ends, not what a tracker read."""
 LISTS = ("Fiducial", "")
 """Types of markups whose points are places by themselves."""
-OTHERS = {LINE: "lines", "Plane": "planes", "Angle": "angles", "ROI": "boxes"}
-CURVES = "curves"
+OTHERS = {
+    LINE: "lines",
+    "Curve": "curves",
+    "ClosedCurve": "curves",
+    "Plane": "planes",
+    "Angle": "angles",
+    "ROI": "boxes",
+}
+UNKNOWN = "markups of other types"
 """What the others are called."""
 MOST_MARKUPS_BYTES = 2**26
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -110,7 +117,7 @@ def read_markups(path: Path) -> Recording:
     """
     markups = read_markups_file(path)
     lists = [markup for markup in markups if markup.type in LISTS]
-    others = Counter(OTHERS.get(markup.type, CURVES) for markup in markups if markup.type not in LISTS)
+    others = Counter(OTHERS.get(markup.type, UNKNOWN) for markup in markups if markup.type not in LISTS)
     if others and not lists:
         raise InputError(f"{path} holds {' and '.join(others)} alone; expected a list of points")
     points = [

@@ -1,12 +1,16 @@
 """Readings files of every kind: what they say is read, and what is doubtful is kept with its reason."""
 
 import os
+import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ronnaplan.errors import InputError
 from ronnaplan.tracking import find_markers, read_recording
+from ronnaplan.tracking.fillers import flag_fillers
+from ronnaplan.tracking.recording import PointReading, Recording
 from ronnaplan.tracking.told import readings_told
 from tests.tracking.files import written
 
@@ -109,3 +113,24 @@ def test_a_marker_may_be_the_origin(tmp_path: Path) -> None:
     assert all(one.usable for one in read_recording(path).points)
     path.write_text("label,x,y,z\nA,0,0,0\nB,50,0,0\n")
     assert all(one.usable for one in read_recording(path).points)
+
+
+def test_a_marker_on_the_diagonal_may_be_hidden_at_times(tmp_path: Path) -> None:
+    """A corner of a cube in noiseless readings was taken for what is filled in where it was hidden in some frames."""
+    path = tmp_path / "readings.csv"
+    rows = [
+        f"{k},{x}\n"
+        for k in range(5)
+        for x in ("100,100,100", "0,100,0", "100,0,0")
+        if x != "100,100,100" or k % 2
+    ]
+    path.write_text("frame,x,y,z\n" + "".join(rows))
+    assert all(one.usable for one in read_recording(path).points)
+
+
+def test_thousands_of_places_on_the_diagonal_are_looked_through_in_linear_time() -> None:
+    """Each was compared with all readings: a table of 100,000 rows took minutes."""
+    began_s = time.process_time()
+    points = [PointReading(k, np.full(3, k % 4_000 + 1.0)) for k in range(8_000)]
+    flag_fillers(Recording("made", tuple(points)))
+    assert time.process_time() - began_s < 2.0

@@ -31,7 +31,14 @@ def test_slicer_markups_are_read_in_lps(tmp_path: Path, system: str, sign: int) 
 
 
 @pytest.mark.parametrize(
-    ("kind", "called"), [("Line", "lines"), ("Plane", "planes"), ("ROI", "boxes"), ("ClosedCurve", "curves")]
+    ("kind", "called"),
+    [
+        ("Line", "lines"),
+        ("Plane", "planes"),
+        ("ROI", "boxes"),
+        ("ClosedCurve", "curves"),
+        ("GridSurface", "markups of other types"),
+    ],
 )
 def test_what_is_no_list_of_points_is_left_out_and_told(tmp_path: Path, kind: str, called: str) -> None:
     """The ends of a trajectory were two markers more, and so were the corners of a plane."""
