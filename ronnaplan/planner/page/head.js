@@ -54,8 +54,10 @@
         return content;
       }
     } catch {} // asked again, as after an answer that is none
-    await new Promise((resolve) => setTimeout(resolve, askAgainMs));
-    askAgainMs = Math.min(2 * askAgainMs, ASK_RARELY_MS);
+    const waitMs = askAgainMs;
+    await new Promise((resolve) => setTimeout(resolve, waitMs));
+    // once for all that failed together, and not where something came meanwhile
+    if (askAgainMs === waitMs) askAgainMs = Math.min(2 * waitMs, ASK_RARELY_MS);
     return null;
   }
   async function load(canvas, listed) {
