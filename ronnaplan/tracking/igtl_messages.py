@@ -64,6 +64,7 @@ class Stream:
         self._silence_s, self._resting = silence_s, resting
         self.points: list[PointReading] = []
         self.tools: list[ToolReading] = []
+        self._untaken: list[PointReading | ToolReading] = []
         self.messages = 0
         self.broken: str | None = None
         self.leapt_s = 0.0
@@ -103,11 +104,11 @@ class Stream:
         told = ", ".join(f"{count} {kind}" for kind, count in self._passed_over.most_common(MOST_KINDS))
         return [f"{told} came; POINT, TRANSFORM, POSITION, TDATA and QTDATA are read"] if told else []
 
-    def taken(self) -> tuple[list[PointReading], list[ToolReading]]:
-        """Return the readings that came since this was last asked, and keep them no longer."""
-        points, tools = self.points, self.tools
+    def taken(self) -> list[PointReading | ToolReading]:
+        """Return the readings that came since this was last asked, in their order, and keep them no longer."""
+        taken, self._untaken = self._untaken, []
         self.points, self.tools = [], []
-        return points, tools
+        return taken
 
     def feed(self, data: bytes) -> None:
         """Take the readings of every message that ``data`` completes; ``broken`` says why no more can follow."""
@@ -171,6 +172,7 @@ class Stream:
         if over is not None:
             self.points[points:] = flagged(self.points[points:], over)
             self.tools[tools:] = flagged(self.tools[tools:], over)
+        self._untaken += [*self.points[points:], *self.tools[tools:]]
 
     def _marked(self, one: ToolReading, message: Message) -> ToolReading:
         """Return a reading, flagged where its tool has long been the same: others of its message may be new.

@@ -74,7 +74,7 @@ def moments(
                 end = _stopped(f"its own time leapt back by {stream.leapt_s:.1f} s after {count} messages")
                 break
             untold = [note for note in stream.clocks.notes if note not in said]
-            for points, tools in cut.add(*stream.taken()):
+            for points, tools in cut.add(stream.taken()):
                 yield Recording(source, points, tools, notes=tuple(untold))
                 said, untold = [*said, *untold], []
                 told, told_s = True, time.monotonic()
@@ -135,19 +135,19 @@ class _Moments:
     def __init__(self, every_s: float) -> None:
         self._every_s = every_s
         self._end_s: float | None = None
-        self._ahead_s = 0.0
-        """Of this computer's clock."""
+        self._ahead_s: float | None = None
+        """Of this computer's clock; None until a time was stated."""
         self._waiting: list[tuple[float, PointReading | ToolReading]] = []
 
     def add(
-        self, points: Sequence[PointReading], tools: Sequence[ToolReading]
+        self, readings: Sequence[PointReading | ToolReading]
     ) -> Iterator[tuple[tuple[PointReading, ...], tuple[ToolReading, ...]]]:
-        """Take readings and yield those of each moment that is over."""
-        now = time.time()
-        readings: list[PointReading | ToolReading] = [*points, *tools]
+        """Take readings in the order in which they came, and yield those of each moment that is over."""
+        now = time.monotonic()
         for one in readings:
-            self._ahead_s = one.time_s - now if one.time_s > 0 else self._ahead_s
-            self._waiting.append((one.time_s if one.time_s > 0 else now + self._ahead_s, one))
+            if one.time_s > 0:
+                self._set(one.time_s - now)
+            self._waiting.append((one.time_s if one.time_s > 0 else now + (self._ahead_s or 0.0), one))
         while self._waiting:
             if self._end_s is None:
                 self._end_s = min(at for at, _ in self._waiting) + self._every_s
@@ -157,6 +157,13 @@ class _Moments:
             self._waiting = [(at, one) for at, one in self._waiting if at >= self._end_s]
             self._end_s = None
             yield _apart(before)
+
+    def _set(self, ahead_s: float) -> None:
+        """Keep how far ahead a sender's clock is; what came before any time was stated is placed by the first."""
+        if self._ahead_s is None:
+            self._waiting = [(at + ahead_s, one) for at, one in self._waiting]
+            self._end_s = None if self._end_s is None else self._end_s + ahead_s
+        self._ahead_s = ahead_s
 
     def rest(self) -> tuple[tuple[PointReading, ...], tuple[ToolReading, ...]]:
         """Return the readings of the moment that is not over."""

@@ -216,19 +216,28 @@ def test_a_robot_whose_time_was_never_another_one_states_none(
         moved = AWAY.copy()
         moved[0, 3] += 0.1 * second
         stream.feed(pyigtl.TransformMessage(moved, device_name="Robot", timestamp=time_s).pack())
-        (one,) = stream.taken()[1]
+        (one,) = stream.taken()
         why.append("" if one.usable else one.status)
     assert [said.split(",")[0] for said in why] == told
     assert bool(stream.clocks.notes) == (not any(told))
     assert all("state the time 5 in all of them, which is none" in note for note in stream.clocks.notes)
 
 
-def test_readings_without_a_time_are_of_the_moment_of_those_before_them() -> None:
-    """Though all come at once, as after a halt: they were all of the newest moment, and those before had none."""
-    frames = [points(time_s=1e9 + 0.05 * frame) + pose_of_tool(frame) + pose_of_robot(0.0) for frame in range(9)]
+@pytest.mark.parametrize("untimed", ["the robot", "the head", "the head, which comes first"])
+def test_readings_without_a_time_are_of_the_moment_of_those_before_them(untimed: str) -> None:
+    """Though all come at once, as after a halt: they were all of the newest moment, and those before had none.
+
+    A head's of no time were placed by this computer's clock at first, and no moment was whole beside another one.
+    """
+    frames = []
+    for frame in range(9):
+        head = points(time_s=0.0 if "head" in untimed else 1e9 + 0.05 * frame)
+        others = pose_of_tool(frame) + pose_of_robot(1e9 + 0.05 * frame if "head" in untimed else 0.0)
+        frames.append(others + head if untimed == "the head" else head + others)
     with server([b"".join(frames)]) as port:
         *told, _ = moments("127.0.0.1", port, every_s=0.1, seconds=0.5)
     assert [{one.tool for one in moment.tools} for moment in told] == [{"Tool", "Robot"}] * len(told)
+    assert all(moment.points for moment in told)
     assert len(told) >= 3
 
 
@@ -271,8 +280,8 @@ def test_readings_of_a_device_that_repeats_its_last_message_are_flagged(message:
     for frame, time_s in enumerate([1e9, 1e9, 1e9, 1e9 + 0.05, 0.0, 0.0]):
         stream.feed(message(time_s))
         stream.feed(points(device="Other", time_s=1e9 + frame))
-        taken, tools = stream.taken()
-        of_device = tools or taken[:2]
+        taken = stream.taken()
+        of_device = taken[:-2]
         assert {one.usable for one in of_device} == {frame not in (1, 2)}
         assert all(one.usable for one in taken[-2:])
 
@@ -281,7 +290,7 @@ def test_a_device_that_never_sets_its_time_again_is_not_frozen_while_its_places_
     stream = Stream(0.0)
     for frame in range(3):
         stream.feed(points(np.asarray(POINTS) + frame))
-    taken, _ = stream.taken()
+    taken = stream.taken()
     assert [one.usable for one in taken] == [True] * (3 * len(POINTS))
 
 
@@ -291,9 +300,9 @@ def test_what_is_watched_is_frozen_while_its_places_stay_to_the_last_digit(times
     stream, frozen = Stream(0.0, resting=("Robot",)), []
     for time_s in times_s:
         stream.feed(points(time_s=time_s) + pose_of_robot(time_s))
-        taken, robots = stream.taken()
+        *taken, robot = stream.taken()
         frozen.append({one.usable for one in taken})
-        assert all(one.usable for one in robots)
+        assert robot.usable
     assert frozen == [{True}, {False}, {False}]
 
 
@@ -310,8 +319,7 @@ def test_what_is_watched_counts_no_longer_once_its_stream_falls_behind(
         monkeypatch.setattr(time, "monotonic", lambda now=50.0 + second: now)
         time_s = 1e9 + rate * second
         stream.feed(points(np.asarray(POINTS) + 1e-3 * second, time_s=time_s) + pose_of_robot(time_s))
-        taken, robots = stream.taken()
-        counted.append({one.usable for one in taken} | {one.usable for one in robots})
+        counted.append({one.usable for one in stream.taken()})
     assert counted == [{True}] * counting + [{False}] * (len(seconds) - counting)
 
 
