@@ -192,7 +192,7 @@ def _require_no_thousands(path: Path, places: Sequence[int], rows: list[list[str
     A sign that is decimal has another number of digits behind it now and then, or a zero or four digits before it.
     """
     written = [row[k] for k in places for row in rows if k < len(row)]
-    bare = (cell.strip(BLANKS) for cell in written if "." not in cell and "," not in cell)
+    bare = (cell.strip() for cell in written if "." not in cell and "," not in cell)
     whole = {cell: value for cell in bare if (value := number(cell))}  # zero has no sign to lose
     if not whole or not all(abs(value) < 1000.0 for value in whole.values()):
         return
