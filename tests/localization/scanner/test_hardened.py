@@ -37,8 +37,8 @@ CLIPPED_HU = np.int16(2600)
 ONE_ENERGY = np.array([0.02])
 
 RAY_MM, VIEWS, BLUR_MM = 0.05, 180, 0.45
-PIXEL_MM, NEAR_MM, SEEN_MM, SPACING_MM = 0.4, 9.2, 80.0, 0.8
-HEIGHTS_MM = np.arange(-7, 8) * SPACING_MM
+PIXEL_MM, NEAR_MM, SEEN_MM = 0.4, 9.2, 80.0
+HEIGHTS_MM = np.arange(-7, 8) * 0.8
 
 
 def in_disc(from_middle_mm: FloatArray, square_mm2: float) -> FloatArray:
@@ -71,6 +71,9 @@ def scanned(
     row_mm: float = 0.0,
     taper: float = 0.0,
     cavity_mm: float = 0.0,
+    ray_mm: float = RAY_MM,
+    views: int = VIEWS,
+    heights_mm: FloatArray = HEIGHTS_MM,
 ) -> CTVolume:
     """Scan a ball on its post beside a head by parallel rays in cells so wide; water is corrected for.
 
@@ -79,18 +82,18 @@ def scanned(
 
     Only near the ball the image is reconstructed, elsewhere it is as it should be.
     """
-    across_mm = np.arange(-SEEN_MM, SEEN_MM, RAY_MM)
-    angles = (np.arange(VIEWS) + 0.5) * np.pi / VIEWS
+    across_mm = np.arange(-SEEN_MM, SEEN_MM, ray_mm)
+    angles = (np.arange(views) + 0.5) * np.pi / views
     depths_mm = np.linspace(0.0, 150.0, 600)
     of_water = -np.log(np.exp(-np.outer(depths_mm, water)).mean(axis=1))
-    frequencies = np.fft.rfftfreq(2 * len(across_mm), RAY_MM)
+    frequencies = np.fft.rfftfreq(2 * len(across_mm), ray_mm)
     passed = frequencies * np.exp(-0.5 * (2.0 * np.pi * frequencies * BLUR_MM) ** 2)
     places_mm = np.arange(-SEEN_MM, SEEN_MM, PIXEL_MM)
     x, y = np.meshgrid(places_mm, places_mm)
     is_near = np.hypot(x - CENTER_MM[0], y - CENTER_MM[1]) < NEAR_MM
     pictures_hu = []
     nodes, weights = np.polynomial.legendre.leggauss(4) if row_mm else (np.zeros(1), np.full(1, 2.0))
-    for height_mm in HEIGHTS_MM - CENTER_MM[2]:
+    for height_mm in heights_mm - CENTER_MM[2]:
         near_mm = np.zeros(np.count_nonzero(is_near))
         rows_mm = height_mm + row_mm / 2.0 * nodes
         by_head = [  # from all sides alike
@@ -112,15 +115,16 @@ def scanned(
                     passes *= np.exp(-np.outer(in_post(angle, across_mm, half_mm), water))
                 arrives += weight * passes.mean(axis=1)
             lost_mm = np.interp(
-                -np.log(uniform_filter1d(arrives, 2 * int(cell_mm / RAY_MM / 2.0) + 1)), of_water, depths_mm
+                -np.log(uniform_filter1d(arrives, 2 * int(cell_mm / ray_mm / 2.0) + 1)), of_water, depths_mm
             )
             filtered = np.fft.irfft(np.fft.rfft(lost_mm, 2 * len(lost_mm)) * passed)[: len(lost_mm)]
             near_mm += np.interp(x[is_near] * turned[0] + y[is_near] * turned[1], across_mm, filtered)
         picture_hu = np.where(np.hypot(x, y) < head_mm - taper * height_mm, 0.0, -1000.0)
-        picture_hu[is_near] = 1000.0 * near_mm * np.pi / VIEWS - 1000.0
+        picture_hu[is_near] = 1000.0 * near_mm * np.pi / views - 1000.0
         pictures_hu.append(np.clip(picture_hu, -1024, 30000))
-    origins_mm = np.array([[-SEEN_MM, -SEEN_MM, height] for height in HEIGHTS_MM])
-    grid = SliceGrid(origins_mm, np.array([0.0, PIXEL_MM, 0.0]), np.array([PIXEL_MM, 0.0, 0.0]), SPACING_MM)
+    origins_mm = np.array([[-SEEN_MM, -SEEN_MM, height] for height in heights_mm])
+    spacing_mm = float(heights_mm[1] - heights_mm[0])
+    grid = SliceGrid(origins_mm, np.array([0.0, PIXEL_MM, 0.0]), np.array([PIXEL_MM, 0.0, 0.0]), spacing_mm)
     return CTVolume(np.round(pictures_hu).astype(np.int16), grid)
 
 
@@ -162,7 +166,16 @@ def test_a_dense_ball_on_a_post_is_not_pulled_to_the_head_that_hardens_its_rays(
 
 
 def test_a_hollow_ball_is_seen_as_round_as_it_is_beside_a_head_that_hardens_its_rays() -> None:
-    volume = scanned(GLASS_PER_MM_AT, WATER_PER_MM_AT, 0.5, post_mm=0.0, cavity_mm=RADIUS_MM - WALL_MM)
+    volume = scanned(
+        GLASS_PER_MM_AT,
+        WATER_PER_MM_AT,
+        0.5,
+        post_mm=0.0,
+        cavity_mm=RADIUS_MM - WALL_MM,
+        ray_mm=0.1,  # that it is coarse saves time
+        views=120,
+        heights_mm=np.arange(-4, 5) * 1.4,
+    )
     hollow = Build.parse(f"shell:{WALL_MM:g}")
     before, after = fitted(volume, Head.LEFT, hollow), fitted(volume, build=hollow)
     assert before.misfit > 0.008
