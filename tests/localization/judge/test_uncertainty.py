@@ -315,13 +315,16 @@ def test_only_the_brightest_balls_may_be_metal(material: str, may_be: bool) -> N
     assert fit_of(scan(balls([(1.0, 2.0, 3.0)], material=material), small_stack())).may_be_metal == may_be
 
 
-def test_of_a_pull_that_is_made_good_a_part_is_stated() -> None:
+def test_of_a_pull_that_is_made_good_a_part_is_stated_but_all_of_a_hollow_balls() -> None:
     fit, up = fit_of(scan(balls([(1.0, 2.0, 3.0)]), small_stack())), np.array([0.0, 0.0, 1.0])
     moved_mm = np.array([0.003, 0.0, -0.010])
     for is_metal in (False, True):
         as_it_was = pulled_mm2(fit, up, is_metal=is_metal)
         left = pulled_mm2(replace(fit, made_good_mm=moved_mm), up, is_metal=is_metal)
         assert left == pytest.approx(0.25 * as_it_was + 0.16 * np.outer(moved_mm, moved_mm))
+        hollow = replace(fit, made_good_mm=moved_mm, prior=replace(fit.prior, layer_mm=-1.0))
+        left = pulled_mm2(hollow, up, is_metal=is_metal)
+        assert left == pytest.approx(as_it_was + 0.16 * np.outer(moved_mm, moved_mm))
 
 
 def stated_mm(volume: CTVolume) -> FloatArray:
