@@ -11,6 +11,8 @@ right one without a field. So it would beside steadiness where the tracker drift
   That has few numbers, which tell sooner that there is something. How far such errors go is told by the first kind;
 - of a tracker whose distances are all wrong by one share (or of a robot's that are);
 - of a tracker, or a robot, that is late: what it adds goes with how fast the tool moves.
+
+Late poses are often wrong by place, too: where a delay is likelier than the others these are weighed beside it as well.
 """
 
 from __future__ import annotations
@@ -54,14 +56,12 @@ OF_ONE_NUMBER = (Cause.SCALE, Cause.DELAY)
 
 
 class Weighed(NamedTuple):
-    """How likely a field is, and the estimate's covariance (p, p) with it."""
+    """How likely a field is, or several, and the estimate's covariance (p, p) with it."""
 
-    cause: Cause
     log_weight: float
     covariance: FloatArray
-    size: float
-    """Of the field's first unknown, in its units."""
-    size_variance: float
+    sizes: Mapping[Cause, tuple[float, float]]
+    """Of the first unknown of each field that is in it, in its units, with its variance."""
 
 
 class Suspicion(NamedTuple):
@@ -88,12 +88,12 @@ def suspicion(likely: FloatArray, weighed: list[Weighed]) -> Suspicion:
 
 def _size(cause: Cause, likely: FloatArray, weighed: list[Weighed]) -> tuple[float, float, float]:
     """Return how likely a field of one number is, how large, and with which standard error."""
-    ours = np.array([one.cause is cause for one in weighed], dtype=bool)
+    ours = np.array([cause in one.sizes for one in weighed], dtype=bool)
     share = float(likely[ours].sum())
     if not share > 0:
         return 0.0, 0.0, 0.0
     each = likely[ours] / share
-    sizes, variances = np.array([one[3:] for one in weighed if one.cause is cause]).T
+    sizes, variances = np.array([one.sizes[cause] for one in weighed if cause in one.sizes]).T
     size = float(each @ sizes)
     return share, size, float(np.sqrt(each @ (variances + (sizes - size) ** 2)))
 
@@ -118,54 +118,88 @@ def judged(equations: ByFrequency, fields: Mapping[Cause, FloatArray], count: in
 
     The first ``count`` frequencies are judged. The noise's components are alike, or also ``unlike``.
     """
-    found = list(_of_cause(Cause.ANY, equations, fields[Cause.ANY], count, unlike))
+    steady = _of_causes((), equations, fields, count, unlike)
+    late = [_rarer(one) for one in _of_cause((Cause.DELAY,), equations, fields, count, unlike)]
+    if max(one.log_weight for one in late) < max(one.log_weight for one in steady):
+        return steady + late
+    return steady + late + [_rarer(one) for one in _of_causes((Cause.DELAY,), equations, fields, count, unlike)]
+
+
+def _of_causes(
+    beside: tuple[Cause, ...], equations: ByFrequency, fields: Mapping[Cause, FloatArray], count: int, unlike: bool
+) -> list[Weighed]:
+    """Return what fields by place are worth, ``beside`` others, as `judged` does."""
+    found = list(_of_cause((Cause.ANY, *beside), equations, fields, count, unlike))
     weights = np.array([one.log_weight for one in found])
     weights = np.exp(weights - weights.max())
     wide = np.einsum("m,mij->ij", weights / weights.sum(), np.array([one.covariance for one in found]))
-    for cause in (Cause.BENDING, *OF_ONE_NUMBER):
-        for one in _of_cause(cause, equations, fields[cause], count, unlike):
-            covariance = wide if cause is Cause.BENDING else one.covariance
-            found.append(one._replace(log_weight=one.log_weight + np.log(ONE_CAUSE), covariance=covariance))
-    return found
+    bent = _of_cause((Cause.BENDING, *beside), equations, fields, count, unlike)
+    found += [_rarer(one)._replace(covariance=wide) for one in bent]
+    return found + [_rarer(one) for one in _of_cause((Cause.SCALE, *beside), equations, fields, count, unlike)]
+
+
+def _rarer(one: Weighed) -> Weighed:
+    return one._replace(log_weight=one.log_weight + np.log(ONE_CAUSE))
 
 
 def _of_cause(
-    cause: Cause, equations: ByFrequency, field: FloatArray, count: int, unlike: bool
+    causes: tuple[Cause, ...], equations: ByFrequency, fields: Mapping[Cause, FloatArray], count: int, unlike: bool
 ) -> Iterator[Weighed]:
-    """Yield what a ``field`` (N, 6, s) is worth in each of its variances, and beside each noise, as `judged` does."""
+    """Yield what a field is worth in each of its variances, and beside each noise, as `judged` does.
+
+    Of ``causes`` the first is the field's; any other's is as large as it may be.
+    """
     design, left, known, bread, drifts = equations
     constant = np.diag(known) == 0
+    widths = [fields[cause].shape[2] for cause in causes]
+    field = np.concatenate([fields[cause] for cause in causes], axis=2)
+    firsts = int(constant.sum()) + np.cumsum([0, *widths[:-1]])
     joined = np.concatenate([design[..., constant], field, design[..., drifts], left[..., None]], axis=2)
-    components, columns = joined.shape[1:]
     constants, of_drifts = int(constant.sum()), np.diag(known)[drifts]
-    undrifting = np.r_[: constants + field.shape[2], columns - 1]
+    undrifting = np.r_[: constants + field.shape[2], joined.shape[2] - 1]
     carried = np.einsum("kci,kcs->is", design, field)
     for i, spectrum in enumerate(beside := beside_a_field(len(design))):
         deviations = np.sqrt(spectrum)[:, None, None]
         prior = np.log(len(beside) - 1) if i else 0.0  # white noise is as likely beforehand as all others
-        volume = 0.5 * components * np.log(spectrum[:count]).sum()
-        flat = (joined / deviations)[:count].reshape(count, -1)
-        drifting = (flat.T @ flat).reshape(components, columns, components, columns).swapaxes(1, 2).copy()
+        volume = 0.5 * joined.shape[1] * np.log(spectrum[:count]).sum()
+        drifting = _products((joined / deviations)[:count])
         still = drifting[:, :, undrifting[:, None], undrifting].copy()
         for share, drifts_too in product(SHARES, (False, True)):
-            precision = np.repeat([0.0, 1 / share], [constants, field.shape[2]])
+            variances = np.repeat([share, SHARES[-1]], [widths[0], sum(widths[1:])])
+            precision = np.append(np.zeros(constants), 1 / variances)
             products, probability = still, 1 - DRIFT_PROBABILITY
             if drifts_too:
                 products, probability = drifting, DRIFT_PROBABILITY
                 precision = np.append(precision, of_drifts)
             for found in _judge(products, precision, count, unlike):
                 covariance = np.zeros_like(known)
-                if cause in OF_ONE_NUMBER:
+                if causes[0] in OF_ONE_NUMBER:
                     covariance[np.ix_(constant, constant)] = found.second_moment[:constants, :constants]
                 else:
                     scores = np.einsum("kai,ab->kbi", design, np.linalg.cholesky(found.noise)) * deviations
                     spread = np.einsum("kci,kcj->ij", scores, scores)
-                    spread += share * found.variance * carried @ carried.T + np.diag(found.noise).mean() * known
+                    spread += carried @ _moment(found, constants, widths[0], variances) @ carried.T
+                    spread += np.diag(found.noise).mean() * known
                     covariance += bread @ spread @ bread
-                size = float(found.solution[constants])
-                size_variance = float(found.second_moment[constants, constants]) - size**2
-                weight = found.log_weight - volume - prior + np.log(probability)
-                yield Weighed(cause, weight, covariance, size, size_variance)
+                sizes = {cause: found.size(first) for cause, first in zip(causes, firsts, strict=True)}
+                yield Weighed(found.log_weight - volume - prior + np.log(probability), covariance, sizes)
+
+
+def _products(columns: FloatArray) -> FloatArray:
+    """Return (c, c, q, q): of each component with each the sums over ``columns`` (N, c, q), each times each."""
+    flat = columns.reshape(len(columns), -1)
+    return np.asarray((flat.T @ flat).reshape(*columns.shape[1:], *columns.shape[1:]).swapaxes(1, 2).copy())
+
+
+def _moment(found: _Judged, constants: int, width: int, variances: FloatArray) -> FloatArray:
+    """Return the second moment (s, s) of a field of ``variances`` (s,), and of fields of one number from ``width`` on.
+
+    These are as they are modelled, and as large as what is left tells.
+    """
+    moment = np.diag(found.variance * variances)
+    ends = slice(constants + width, constants + len(variances))
+    moment[width:, width:] = found.second_moment[ends, ends]
+    return moment
 
 
 def of_volume_one(covariance: FloatArray) -> FloatArray:
@@ -187,6 +221,11 @@ class _Judged(NamedTuple):
     """(p,): by how much the fit's constants are off, the field's unknowns, and those of a drift."""
     second_moment: FloatArray
     """(p, p), of what these may be."""
+
+    def size(self, at: int) -> tuple[float, float]:
+        """Return how large an unknown is, and its variance."""
+        size = float(self.solution[at])
+        return size, float(self.second_moment[at, at]) - size**2
 
 
 def _judge(products: FloatArray, precision: FloatArray, count: int, unlike: bool) -> Iterator[_Judged]:

@@ -60,7 +60,8 @@ def moving(robot_from_m: FloatArray, sds: FloatArray, frames: Sequence[int]) -> 
 
     Both are told by the nearest two poses, as ``frames`` (N,) number them.
     """
-    times, count = np.asarray(frames, dtype=float), len(frames)
+    numbers, count = np.asarray(frames, dtype=object), len(frames)
+    times = (numbers - numbers[0]).astype(float)  # from the first: time stamps have more digits than a float
     nearest = np.clip(np.arange(count), 1, count - 2)[:, None] + [-1, 0, 1]
     others = nearest[nearest != np.arange(count)[:, None]].reshape(count, 2)
     before, after = (times[others] - times[:, None]).T[..., None]

@@ -8,6 +8,7 @@ tracker's, and the covariance counts that those of successive poses may be corre
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -114,9 +115,8 @@ def _as_pairs(
     if frames is not None and len(frames) != len(seen):
         raise InputError(f"{len(frames)} frames were given for {len(seen)} poses; expected one for each")
     if frames is not None and len(set(frames)) < len(frames):
-        raise InputError(
-            f"{len(frames) - len(set(frames))} frames were given twice; expected another for each pose"
-        )
+        again = next(number for number, times in Counter(frames).items() if times > 1)
+        raise InputError(f"frame {again} was given more than once; expected another for each pose")
     return seen, driven
 
 
