@@ -38,7 +38,7 @@ ONE_ENERGY = np.array([0.02])
 
 RAY_MM, VIEWS, BLUR_MM = 0.05, 180, 0.45
 PIXEL_MM, NEAR_MM, SEEN_MM = 0.4, 9.2, 80.0
-HEIGHTS_MM = np.arange(-7, 8) * 0.8
+HEIGHTS_MM = np.linspace(-5.6, 5.6, 15)
 
 
 def in_disc(from_middle_mm: FloatArray, square_mm2: float) -> FloatArray:
@@ -174,7 +174,7 @@ def test_a_hollow_ball_is_seen_as_round_as_it_is_beside_a_head_that_hardens_its_
         cavity_mm=RADIUS_MM - WALL_MM,
         ray_mm=0.1,  # that it is coarse saves time
         views=120,
-        heights_mm=np.arange(-4, 5) * 1.4,
+        heights_mm=np.linspace(-5.6, 5.6, 9),
     )
     hollow = Build.parse(f"shell:{WALL_MM:g}")
     before, after = fitted(volume, Head.LEFT, hollow), fitted(volume, build=hollow)
