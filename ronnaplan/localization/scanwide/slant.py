@@ -35,6 +35,10 @@ focal spot or a metal's streaks do beside the kernel is less (1.0 to 1.4)."""
 BETTER = 0.9
 """Along their own profile balls misfit by no more than this share of what they did (half of it, most)."""
 
+EXCUSED = OF_THE_PROFILE | {"free"}
+"""What may be wrong with balls that tell the direction: how much skin touches one says nothing of its slices, and lies
+beyond the limit by noise."""
+
 RESIZED_SHARE, RESIZED_MM = 0.02, 0.03
 """Balls keep their size to this share of it and this: an egg that lies aslant, which looks like a ball in a profile as
 long as it is longer, seems larger by 2.6 to 5 %."""
@@ -117,7 +121,7 @@ def _is_better(balls: Sequence[Examined], before: Sequence[Examined]) -> bool:
         [
             one.misfit
             for one in seen
-            if one.failed <= OF_THE_PROFILE and abs(one.excess_mm) <= RESIZED_SHARE * one.stated_mm + RESIZED_MM
+            if one.failed <= EXCUSED and abs(one.excess_mm) <= RESIZED_SHARE * one.stated_mm + RESIZED_MM
         ]
         for seen in (balls, before)
     )
