@@ -153,9 +153,9 @@ def _of_cause(
     constant = np.diag(known) == 0
     widths = [fields[cause].shape[2] for cause in causes]
     field = np.concatenate([fields[cause] for cause in causes], axis=2)
-    firsts = int(constant.sum()) + np.cumsum([0, *widths[:-1]])
-    joined = np.concatenate([design[..., constant], field, design[..., drifts], left[..., None]], axis=2)
     constants, of_drifts = int(constant.sum()), np.diag(known)[drifts]
+    firsts = constants + np.cumsum([0, *widths[:-1]])
+    joined = np.concatenate([design[..., constant], field, design[..., drifts], left[..., None]], axis=2)
     undrifting = np.r_[: constants + field.shape[2], joined.shape[2] - 1]
     carried = np.einsum("kci,kcs->is", design, field)
     for i, spectrum in enumerate(beside := beside_a_field(len(design))):

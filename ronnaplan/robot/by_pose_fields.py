@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,14 +20,34 @@ LEAST_SHOWN = 30.0
 """So many times its noise has to be what places show of a scale: of a tool that swings about its tip that is noise."""
 
 
+class Fields(NamedTuple):
+    """Fields by their causes, and what one of the first unknown is worth of those that tell a size."""
+
+    added: dict[Cause, FloatArray]
+    """(N, 6, s): what the unknowns, each of about unit size, add to the poses of M."""
+    share: float
+    """Of distances, of a scale."""
+    delay: float
+    """In frames."""
+
+    def in_units(self, suspicion: Suspicion) -> Suspicion:
+        """Return ``suspicion`` of these fields with its scale as a share of distances, and its delay in frames."""
+        return suspicion._replace(
+            scale=suspicion.scale * self.share,
+            scale_sd=suspicion.scale_sd * self.share,
+            delay=suspicion.delay * self.delay,
+            delay_sd=suspicion.delay_sd * self.delay,
+        )
+
+
 def fields(
     ots_from_m: FloatArray,
     robot_from_m: FloatArray,
     robot_from_tcp: FloatArray,
     sds: FloatArray,
     frames: Sequence[int],
-) -> dict[Cause, FloatArray]:
-    """Return (N, 6, s) for each cause: what the field's unknowns, each of about unit size, add to the poses of M.
+) -> Fields:
+    """Return what each cause adds to the poses of M.
 
     Poses are (N, 4, 4), all three as the robot tells them: the tracker's have the noise that is judged, and a scale of
     100 % leaves none of it. What is added is in M's axes, and in ``sds`` (6,) of its noise. That of a scale is what one
@@ -46,13 +67,16 @@ def fields(
     in_plane = moved @ _upright(places[:, :2] / np.maximum(out, np.finfo(float).tiny))
     scaled = np.zeros((len(places), 6, 1))
     away = np.einsum("nji,nj->ni", ots_from_m[:, :3, :3], ots_from_m[:, :3, 3])
-    scaled[:, 3:, 0] = -away / spread_mm(ots_from_m)
-    return {
+    apart_mm = spread_mm(ots_from_m)
+    scaled[:, 3:, 0] = -away / apart_mm
+    late, delay = moving(robot_from_m, sds, frames)
+    added = {
         Cause.ANY: _linear(moved, of_any / np.sqrt(3)),
         Cause.BENDING: _linear(in_plane, of_reach / np.sqrt(3)),
         Cause.SCALE: scaled,
-        Cause.DELAY: moving(robot_from_m, sds, frames)[0],
+        Cause.DELAY: late,
     }
+    return Fields(added, float(sds[3]) / apart_mm, delay)
 
 
 def moving(robot_from_m: FloatArray, sds: FloatArray, frames: Sequence[int]) -> tuple[FloatArray, float]:
@@ -102,19 +126,6 @@ def spread_mm(poses: FloatArray) -> float:
     places = poses[:, :3, 3]
     apart, away = (np.sqrt((one**2).sum(axis=1).mean()) for one in (places - places.mean(axis=0), places))
     return float(max(apart, LEAST_SPREAD * away, np.finfo(float).tiny))
-
-
-def in_units(
-    suspicion: Suspicion, ots_from_m: FloatArray, robot_from_m: FloatArray, sds: FloatArray, frames: Sequence[int]
-) -> Suspicion:
-    """Return ``suspicion`` of `fields` with its scale as a share of distances, and its delay in frames."""
-    share, delay = float(sds[3]) / spread_mm(ots_from_m), moving(robot_from_m, sds, frames)[1]
-    return suspicion._replace(
-        scale=suspicion.scale * share,
-        scale_sd=suspicion.scale_sd * share,
-        delay=suspicion.delay * delay,
-        delay_sd=suspicion.delay_sd * delay,
-    )
 
 
 def _upright(outwards: FloatArray) -> FloatArray:

@@ -31,7 +31,7 @@ from ronnaplan.pose import (
     rigid,
 )
 from ronnaplan.robot.by_pose import Cause, Suspicion
-from ronnaplan.robot.by_pose_fields import fields, in_units, shows_scale
+from ronnaplan.robot.by_pose_fields import fields, shows_scale
 from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.hand_eye_found import HandEye
 from ronnaplan.robot.hand_eye_refused import agree, contradiction, late_by, rms
@@ -196,7 +196,8 @@ def _found(fit: _Fit, seen: FloatArray, driven: FloatArray, frames: Sequence[int
     left, right = fit.left, fit.right
     robot_from_m = driven @ invert(right)
     ots_from_m = invert(left) @ robot_from_m
-    covariance, suspicion = _covariance(fit, seen, fields(ots_from_m, robot_from_m, driven, fit.sds, frames))
+    suspected = fields(ots_from_m, robot_from_m, driven, fit.sds, frames)
+    covariance, suspicion = _covariance(fit, seen, suspected.added)
     if not shows_scale(seen, ots_from_m, fit.design[..., :CONSTANTS], fit.sds[3]):
         suspicion = suspicion._replace(of_any=suspicion.of_any - suspicion.of_scale, of_scale=0.0)
     rotation_deg, translation_mm = rms(fit.error)
@@ -206,7 +207,7 @@ def _found(fit: _Fit, seen: FloatArray, driven: FloatArray, frames: Sequence[int
         rotation_deg,
         translation_mm,
         float(np.sqrt(((fit.error @ point_jacobian(right[:3, 3]).T) ** 2).sum(axis=1).mean())),
-        in_units(suspicion, ots_from_m, robot_from_m, fit.sds, frames),
+        suspected.in_units(suspicion),
     )
 
 
