@@ -28,10 +28,10 @@ HIDDEN_COLUMNS = ("occluded", "hidden", "invalid", "invisible")
 TRUTH_COLUMNS = ("valid", "visible", "seen", "usable", "tracked", *HIDDEN_COLUMNS)
 SEEN_COLUMNS = frozenset({*STATUS_COLUMNS, *TRANSFORM_STATUS_COLUMNS, *TRUTH_COLUMNS})
 """Columns that say whether a reading counts."""
-MEASURED = frozenset({"", "ok", "enabled", "valid", "partially_out_of_volume"})
-"""What the tracker says of a tool that it sees."""
 GOOD = frozenset({OK, "okay", "good", "valid", "enabled", "tracked", "visible"})
-"""What other programs' statuses say of a reading that counts."""
+"""What programs' statuses say of a reading that counts."""
+MEASURED = GOOD | {"", "partially_out_of_volume"}
+"""What is said of a tool that the tracker sees."""
 TRUE = frozenset({"true", "yes", "y", "t", "ok"})
 FALSE = frozenset({"0", "false", "no", "n", "f"})
 FORMULA = ("=", "+", "-", "@", "\t", "\r", "'")
@@ -101,8 +101,8 @@ def stated_status(row: Mapping[str, str]) -> str:
 def tool_status(cell: str) -> str:
     """Return what a tracker's ``cell`` says of a tool: `OK` where it is seen, or nothing is said.
 
-    >>> tool_status("Enabled"), tool_status("Out of volume")
-    ('ok', 'out_of_volume')
+    >>> tool_status("Enabled"), tool_status("Visible"), tool_status("Out of volume")
+    ('ok', 'ok', 'out_of_volume')
     """
     name = cell.strip().lower().replace(" ", "_")
     return OK if name in MEASURED else name

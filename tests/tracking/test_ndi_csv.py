@@ -192,6 +192,14 @@ def test_a_name_before_two_poses_is_that_of_the_first_alone(tmp_path: Path) -> N
     assert read_recording(written(tmp_path, "own.csv", text)).tool_names == ("A", "tool 2")
 
 
+@pytest.mark.parametrize("word", ["Visible", "Tracked", "Good"])
+def test_a_tool_that_a_table_calls_seen_in_another_word_than_ok_counts(tmp_path: Path, word: str) -> None:
+    """As in a table of x, y, z; of NDI's columns no pose counted, each for being 'visible'."""
+    text = f"frame,tool,status,q0,qx,qy,qz,tx,ty,tz\n1,a,{word},1,0,0,0,1,2,3\n2,a,Missing,1,0,0,0,1,2,3\n"
+    recording = read_recording(written(tmp_path, "tool.csv", text))
+    assert [one.status for one in recording.tools] == ["ok", "missing"]
+
+
 @pytest.mark.parametrize("name", ["label", "marker"])
 def test_a_label_before_each_of_several_poses_names_it(tmp_path: Path, name: str) -> None:
     """They were tool 1 and tool 2, whichever tool a row had first."""
