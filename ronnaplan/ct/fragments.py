@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
 from itertools import pairwise
 from typing import Final
 
-from ronnaplan.ct import tags
+from ronnaplan.ct.encapsulated import ITEM_HEADER, items
 from ronnaplan.ct.files import Blob, DamagedError
 from ronnaplan.ct.header import refuse_more
 from ronnaplan.ct.limits import DEFAULT_LIMITS
 from ronnaplan.ct.slices import Fragment, PixelFormat
 
-_ITEM_HEADER: Final = struct.Struct("<HHL")
 _READ_AT_ONCE_BYTES: Final = 4 << 20
 _IMAGE_STARTS: Final = (b"\xff\xd8\xff", b"\xff\x4f\xff\x51")
 """How JPEG and JPEG 2000 images begin. JPEG data hold no such marker, those of JPEG 2000 by a chance of one in 2^32."""
-MOST_FRAGMENTS: Final = 1 << 16
-"""More compressed fragments than this in one file are taken for damage."""
-
-Read = Callable[[int, int], bytes]
 
 
 def frame_fragments(blob: Blob, pixels: PixelFormat) -> list[tuple[Fragment, ...]]:
@@ -32,8 +26,8 @@ def frame_fragments(blob: Blob, pixels: PixelFormat) -> list[tuple[Fragment, ...
         def read(offset: int, count: int) -> bytes:
             return content[offset : offset + count]
 
-    table, fragments = _items(read, pixels.offset, blob.size)
-    end = sum(fragments[-1]) + _ITEM_HEADER.size  # of the delimiter, which has no value
+    table, fragments = items(read, pixels.offset, blob.size)
+    end = sum(fragments[-1]) + ITEM_HEADER.size  # of the delimiter, which has no value
     refuse_more(blob, end, pixels.tag, DEFAULT_LIMITS, is_explicit=True)
     if pixels.frames == 1:
         if any(read(offset, 4).startswith(_IMAGE_STARTS) for offset, _ in fragments[1:]):
@@ -66,33 +60,3 @@ def _grouped(fragments: list[Fragment], starts: list[int], count: int) -> list[t
     if len(starts) != count or starts[0] != 0 or any(b <= a for a, b in pairwise(starts)):
         raise DamagedError(f"its {count} compressed frames cannot be told apart")
     return [tuple(fragments[a:b]) for a, b in pairwise([*starts, len(fragments)])]
-
-
-def _items(read: Read, position: int, size: int) -> tuple[tuple[int, ...], list[Fragment]]:
-    """Return the offset table and all fragments of the encapsulated value at ``position``."""
-    fragments: list[Fragment] = []
-    while (length := _item_length(read, position)) is not None:
-        start = position + _ITEM_HEADER.size
-        position = start + length
-        if position > size or len(fragments) > MOST_FRAGMENTS:
-            raise DamagedError("it ends within its compressed pixels")
-        fragments.append((start, length))
-    if len(fragments) < 2:
-        raise DamagedError("its compressed pixels are empty")
-    start, length = fragments.pop(0)
-    content = read(start, min(length, 4 * MOST_FRAGMENTS))
-    return struct.unpack(f"<{len(content) // 4}L", content[: len(content) // 4 * 4]), fragments
-
-
-def _item_length(read: Read, position: int) -> int | None:
-    """Return the length of the item at ``position``, None at the end (which some writers leave out)."""
-    header = read(position, _ITEM_HEADER.size)
-    if not header:
-        return None
-    group, element, length = _ITEM_HEADER.unpack(header) if len(header) == _ITEM_HEADER.size else (0, 0, 0)
-    tag = group << 16 | element
-    if tag == tags.SEQUENCE_DELIMITATION_ITEM:
-        return None
-    if tag != tags.ITEM:
-        raise DamagedError("its compressed pixels are broken")
-    return int(length)

@@ -44,8 +44,8 @@ class _MoreNeededError(Exception):
 class Header:
     """What `read_header` found: raw elements, and the place of the pixels.
 
-    ``pixel_length`` is what the file holds of the declared length, None for encapsulated pixels. In a deflated
-    file ``pixel_offset`` counts from the start of the inflated bytes. ``pixel_form``: their value representation.
+    ``pixel_length`` is what the file holds of the declared length, of which it lacks ``pixels_missing`` bytes; None
+    for encapsulated pixels. In a deflated file ``pixel_offset`` counts from the start of the inflated bytes.
     """
 
     transfer_syntax: str
@@ -56,6 +56,7 @@ class Header:
     pixel_form: bytes
     pixel_offset: int
     pixel_length: int | None
+    pixels_missing: int
 
 
 def read_header(blob: Blob, limits: Limits) -> Header:
@@ -72,10 +73,8 @@ def read_header(blob: Blob, limits: Limits) -> Header:
             count = min(count * 8, blob.size, limits.header_bytes)
             continue
         if header.pixel_length is not None and header.transfer_syntax != DEFLATED_LITTLE:
-            end = header.pixel_offset + header.pixel_length
-            refuse_more(
-                blob, end, header.pixel_tag, limits, is_explicit=header.is_explicit, big=header.is_big_endian
-            )
+            end, explicit = header.pixel_offset + header.pixel_length, header.is_explicit
+            refuse_more(blob, end, header.pixel_tag, limits, is_explicit=explicit, big=header.is_big_endian)
         return header
 
 
@@ -131,15 +130,16 @@ def _parse(buffer: bytes, size: int, limits: Limits) -> Header:
     elements, _ = scanner.dataset(start, size, explicit, depth=0)
     if syntax == DEFLATED_LITTLE and scanner.pixel_tag is None and size == limits.header_bytes:
         raise DamagedError("its header is too long")
-    if not syntax:
-        syntax = EXPLICIT_LITTLE if explicit else IMPLICIT_LITTLE
-    length = scanner.pixel_length
-    if length is not None and syntax != DEFLATED_LITTLE:
-        length = min(length, size - scanner.pixel_offset)
-    elif length is not None and scanner.pixel_tag is not None and size < limits.header_bytes:
-        scanner.trailer(scanner.pixel_offset + length, scanner.pixel_tag, explicit)
+    syntax = syntax or (EXPLICIT_LITTLE if explicit else IMPLICIT_LITTLE)
     tag, form, offset = scanner.pixel_tag, scanner.pixel_form, scanner.pixel_offset
-    return Header(syntax, elements, explicit, big, tag, form, offset, length)
+    length, missing = scanner.pixel_length, 0
+    if length is not None and tag is not None and (syntax != DEFLATED_LITTLE or size < limits.header_bytes):
+        missing = max(0, offset + length - size)
+        if syntax == DEFLATED_LITTLE:
+            scanner.trailer(offset + length, tag, explicit)
+        else:
+            length -= missing
+    return Header(syntax, elements, explicit, big, tag, form, offset, length, missing)
 
 
 def _looks_like_bare_dataset(buffer: bytes) -> bool:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from ronnaplan.ct import tags
+from ronnaplan.ct.encapsulated import require_whole
 from ronnaplan.ct.files import DiskFile
 from ronnaplan.ct.header import read_header
 from ronnaplan.ct.limits import DEFAULT_LIMITS
@@ -39,13 +40,15 @@ class Facts:
     size: int
 
 
-def read_facts(path: Path, sha256: str) -> Facts:
+def read_facts(path: Path, sha256: str, *, only_whole: bool = False) -> Facts:
     """Read a file that the node wrote down as it was received; raises `InputError` for what is no DICOM instance.
 
-    ``sha256`` is that of its data set.
+    ``sha256`` is that of its data set. With ``only_whole`` it does so for half of one, too.
     """
-    size = path.stat().st_size
-    header = read_header(DiskFile(str(path), size), DEFAULT_LIMITS)
+    file = DiskFile(str(path), path.stat().st_size)
+    header = read_header(file, DEFAULT_LIMITS)
+    if only_whole:
+        require_whole(file, header)
     elements = header.elements
     uids = {}
     for name, tag in (
@@ -71,5 +74,5 @@ def read_facts(path: Path, sha256: str) -> Facts:
         patient_name=text(elements, tags.PATIENT_NAME),
         expected=whole_number(text(elements, tags.NUMBER_OF_SERIES_RELATED_INSTANCES)),
         sha256=sha256,
-        size=size,
+        size=file.size,
     )

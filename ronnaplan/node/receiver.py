@@ -198,7 +198,8 @@ class Receiver:
         except OSError as error:
             raise RefusedInstanceError(Status.NO_ROOM, f"it cannot be written: {error.strerror}") from error
         try:
-            facts = read_facts(spool.path, spool.sha256)
+            # half of one, once kept, would keep the whole one of its UID out
+            facts = read_facts(spool.path, spool.sha256, only_whole=True)
         except (InputError, OSError) as error:
             raise RefusedInstanceError(Status.NOT_UNDERSTOOD, str(error)) from error
         if (facts.sop_uid, facts.sop_class) != (request.sop_uid, request.sop_class):

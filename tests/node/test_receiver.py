@@ -13,7 +13,7 @@ import pytest
 from pydicom import dcmread
 from pydicom.filebase import DicomBytesIO
 from pydicom.filewriter import write_dataset, write_file_meta_info
-from pydicom.uid import UID, CTImageStorage, DeflatedExplicitVRLittleEndian, ExplicitVRLittleEndian
+from pydicom.uid import UID, CTImageStorage, DeflatedExplicitVRLittleEndian, ExplicitVRLittleEndian, RLELossless
 from pynetdicom import AE, _config
 
 from ronnaplan.errors import InputError
@@ -115,6 +115,24 @@ def test_an_instance_that_is_not_what_the_request_says_is_refused(
     assert send_as_is(node.port, path, ExplicitVRLittleEndian, monkeypatch) == 0xA900
     assert node.files() == []
     assert made.SOPInstanceUID in node.events("refused")[0]["reason"]
+
+
+@pytest.mark.parametrize("syntax", [ExplicitVRLittleEndian, RLELossless])
+def test_half_an_instance_is_refused_and_keeps_the_whole_one_not_out(
+    syntax: UID, node: Listening, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A sender that sent the first half of a file was told success, and the whole one was put aside."""
+    stored = makers.pattern(0, 64, 64)
+    made = makers.dataset(0, stored=stored)
+    whole = save(
+        made if syntax == ExplicitVRLittleEndian else makers.compress(made, syntax, tmp_path), tmp_path / "x"
+    )
+    half = tmp_path / "half.dcm"
+    half.write_bytes(whole.read_bytes()[:-500])
+    assert send_as_is(node.port, half, syntax, monkeypatch) == 0xC000
+    assert "pixels" in node.events("refused")[0]["reason"]
+    assert send_as_is(node.port, whole, syntax, monkeypatch) == 0
+    assert dcmread(node.files()[0]).PixelData == dcmread(whole).PixelData
 
 
 @pytest.mark.parametrize("uid", [b"../../x", b"1..2", b"", b"1.2.3/4", b"1" * 66])

@@ -1,0 +1,60 @@
+"""The items of encapsulated pixels (DICOM PS3.5, annex A.4), and whether pixels are there to their end.
+
+Apart from what arranges them into frames: the node's receiver asks for no more, and loads no arrays.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from typing import Final
+
+from ronnaplan.ct import tags
+from ronnaplan.ct.files import Blob, DamagedError
+from ronnaplan.ct.header import Header
+
+ITEM_HEADER: Final = struct.Struct("<HHL")
+MOST_FRAGMENTS: Final = 1 << 16
+"""More compressed fragments than this in one file are taken for damage."""
+
+Read = Callable[[int, int], bytes]
+Run = tuple[int, int]
+"""Where some bytes are in a file, and how many."""
+
+
+def require_whole(blob: Blob, header: Header) -> None:
+    """Raise `DamagedError` where the pixels end before they should: it is a part of a file."""
+    if header.pixels_missing:
+        raise DamagedError(f"{header.pixels_missing} bytes of its pixels are missing")
+    if header.pixel_tag is not None and header.pixel_length is None:
+        items(blob.read, header.pixel_offset, blob.size)
+
+
+def items(read: Read, position: int, size: int) -> tuple[tuple[int, ...], list[Run]]:
+    """Return the offset table and all fragments of the encapsulated value at ``position``."""
+    fragments: list[Run] = []
+    while (length := _item_length(read, position)) is not None:
+        start = position + ITEM_HEADER.size
+        position = start + length
+        if position > size or len(fragments) > MOST_FRAGMENTS:
+            raise DamagedError("it ends within its compressed pixels")
+        fragments.append((start, length))
+    if len(fragments) < 2:
+        raise DamagedError("its compressed pixels are empty")
+    start, length = fragments.pop(0)
+    content = read(start, min(length, 4 * MOST_FRAGMENTS))
+    return struct.unpack(f"<{len(content) // 4}L", content[: len(content) // 4 * 4]), fragments
+
+
+def _item_length(read: Read, position: int) -> int | None:
+    """Return the length of the item at ``position``, None at the end (which some writers leave out)."""
+    header = read(position, ITEM_HEADER.size)
+    if not header:
+        return None
+    group, element, length = ITEM_HEADER.unpack(header) if len(header) == ITEM_HEADER.size else (0, 0, 0)
+    tag = group << 16 | element
+    if tag == tags.SEQUENCE_DELIMITATION_ITEM:
+        return None
+    if tag != tags.ITEM:
+        raise DamagedError("its compressed pixels are broken")
+    return int(length)
