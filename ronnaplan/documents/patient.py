@@ -34,9 +34,11 @@ STUDY = (
 """The General Study Module (C.7.2.1) but for its sequences."""
 MAY_BE_UNKNOWN = (
     *("PatientBirthDate", "PatientBirthTime", "PatientSex", "PatientIdentityRemoved", "StudyDate", "StudyTime"),
+    *("ReferringPhysicianName", "StudyDescription"),
 )
-"""Of both, dates, times and codes. By none of them an archive tells a study, the standard lets them be empty, and many
-an anonymizer or old scanner wrote what no date is (``00000000``, ``unknown``, ``1970.01.31``)."""
+"""Of both, dates, times, codes and free words. By none of them an archive tells a study, the standard lets them be
+empty, and many an anonymizer or old scanner wrote what no date is (``00000000``, ``unknown``, ``1970.01.31``), or words
+in another character set than it states."""
 _TOO_LONG = "The (value|PN component) length .* exceeds the maximum"
 """What pydicom warns of where a text is longer than the standard lets it be, as many hospitals' accession numbers are:
 it is copied, as it is by this that an archive tells the study."""
@@ -58,7 +60,7 @@ def patient_of_scan(
 ) -> Dataset:
     """Return the patient and study modules of the series of ``source``, found below ``path``.
 
-    A date, a time or a code that DICOM does not know is left empty, and ``tell`` told so in a sentence that names
+    What is none of DICOM where it may be unknown is left empty, and ``tell`` told so in a sentence that names
     nobody. Raises `InputError` when the series is not there, its files differ in who or which study it is, or another
     value is none of DICOM; `FrameMismatchError` when it lies in another frame of reference than ``source``.
     """
@@ -141,6 +143,5 @@ def _no_copy(instance: Instance, what: str, error: Exception) -> InputError:
     """Return why ``what`` is not copied: in the words of pydicom, but for the value, which may name somebody."""
     reason = printable(str(error).partition("\n")[0].partition(": ")[0])  # it goes on with a traceback
     return InputError(
-        f"{printable(instance.blob.name)} has a {what} that cannot be copied ({reason}); correct its header, or leave "
-        "out --ct"
+        f"{printable(instance.blob.name)} has a {what} that cannot be copied ({reason}); correct its header"
     )

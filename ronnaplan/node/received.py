@@ -1,8 +1,10 @@
-"""The scan that one received series is. Why it is none is told without its folder and UID, which stand beside it."""
+"""The scan that one received series is, and whose. Its folder and UID, which stand beside, are told in no reason."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,19 +13,37 @@ from ronnaplan.ct.reader import read_found
 from ronnaplan.errors import InputError
 
 if TYPE_CHECKING:
+    from pydicom import Dataset
+
     from ronnaplan.ct import CTVolume
     from ronnaplan.ct.catalogue import Catalogue
     from ronnaplan.ct.scratch import Scratch
+    from ronnaplan.documents.fiducials import Source
 
 
 def read_received(folder: Path, scratch: Scratch) -> CTVolume:
     """Return the scan whose files lie in ``folder``; raises `InputError` where they are none, or several."""
-    try:
+    with _told_without(folder):
         found = find_series(folder)
         reason = _why_not(found)
         if reason:
             raise InputError(reason)
         return read_found(found, scratch=scratch)
+
+
+def patient_received(folder: Path, source: Source, tell: Callable[[str], None]) -> Dataset:
+    """Return what `patient_of_scan` does of the scan whose files lie in ``folder``."""
+    from ronnaplan.documents.patient import patient_of_scan
+
+    with _told_without(folder):
+        return patient_of_scan(folder, source, tell)
+
+
+@contextmanager
+def _told_without(folder: Path) -> Iterator[None]:
+    """Leave a ``folder`` out of what is said of the files in it."""
+    try:
+        yield
     except InputError as error:
         raise InputError(str(error).replace(f"{folder}{os.sep}", "")) from error
 

@@ -137,10 +137,10 @@ def _gather(
     volume, fiducials = _find(order, scratch)
     load_pydicom()
     from ronnaplan.documents.fiducials import fiducials_document
-    from ronnaplan.documents.patient import patient_of_scan
+    from ronnaplan.node.received import patient_received
 
     document = fiducials_document(fiducials)
-    patient = patient_of_scan(order.folder, document.source, _left_empty(order, tell))
+    patient = patient_received(order.folder, document.source, _left_empty(order, tell))
     found = Markers(document, patient, images)
     if "fiducials" in wanted:
         _answer(order, "fiducials", partial(_fiducials, found), tell)

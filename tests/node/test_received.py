@@ -11,9 +11,10 @@ from pydicom.dataset import Dataset
 from ronnaplan.ct import catalogue
 from ronnaplan.ct.folders import blobs_below
 from ronnaplan.ct.scratch import Scratch
+from ronnaplan.documents.fiducials import Source
 from ronnaplan.errors import InputError
-from ronnaplan.node.received import read_received
-from tests.ct.makers import Change, write_series
+from ronnaplan.node.received import patient_received, read_received
+from tests.ct.makers import FRAME, SERIES, STUDY, Change, write_series
 
 
 def bare(made: Dataset, k: int) -> None:
@@ -48,6 +49,19 @@ def test_why_a_series_is_no_scan_is_told_without_its_folder_and_uid(
     with Scratch(tmp_path) as scratch, pytest.raises(InputError) as refusal:
         read_received(folder, scratch)
     assert str(refusal.value) == reason
+
+
+@pytest.mark.filterwarnings("ignore:The number of PN components:UserWarning")
+def test_why_no_patient_is_told_is_said_without_folder_and_options_of_commands(tmp_path: Path) -> None:
+    """The status page told an operator to leave out --ct."""
+
+    def change(made: Dataset, k: int) -> None:
+        made.PatientName = "Doe=Jane=J=D"
+
+    folder = write_series(tmp_path / "1.2.3.1" / "1.2.3.2", 4, change)
+    source = Source(study_instance_uid=STUDY, series_instance_uid=SERIES, frame_of_reference_uid=FRAME)
+    with pytest.raises(InputError, match=r"^000 has a PatientName that cannot .*; correct its header$"):
+        patient_received(folder, source, print)
 
 
 def test_a_refused_series_is_looked_through_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
