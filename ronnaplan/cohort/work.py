@@ -108,13 +108,14 @@ def _wanted(order: dict[str, Any]) -> _Wanted:
 def _part(series: Series, wanted: _Wanted, troubled: bool, known: str) -> dict[str, Any]:
     """Return what is told of a part; ``known`` is the content that there are results of already."""
     from ronnaplan.ct.reader import read_series
+    from ronnaplan.ct.volume import VolumeFlag
 
     told: dict[str, Any] = {"state": UNUSABLE, "reason": "; ".join(series.problems), "scan": scan_facts(series)}
     told["content"] = _content(series, "")
     if not series.is_usable:
         return told
     try:
-        volume = read_series(series, troubled=troubled)
+        volume = read_series(series, beside=(VolumeFlag.UNREADABLE_FILES,) if troubled else ())
         told["content"] = _content(series, volume.voxel_sha256)
         if told["content"] == known:
             return {**told, "state": UNCHANGED}

@@ -100,6 +100,14 @@ class Catalogue:
         """The series that can be read as a CT volume."""
         return tuple(series for series in self.series if series.is_usable)
 
+    def may_mean_another(self, chosen: Series) -> bool:
+        """Whether there is a scan that cannot be used and that has half as many slices as the ``chosen`` one, or more.
+
+        Fewer are those that a scanner watches for contrast to come, and the like.
+        """
+        refused = (one for one in self.series if not one.is_usable and why_not_scan(one.first, CT_ONLY) is None)
+        return any(2 * one.image_count >= chosen.image_count for one in refused)
+
     def choose(self, series_uid: str | None = None) -> Series:
         """Return the wanted series, or the only usable one; raises `InputError` that lists the choice."""
         shown = printable(self.path)

@@ -96,8 +96,10 @@ def read_found(
 ) -> CTVolume:
     """Read one of the series that were ``found``; raises `InputError` like `read_ct`."""
     series = found.choose(series_uid)
-    troubled = any(one.is_trouble for one in found.skipped)
-    return read_series(series, limits, troubled=troubled, progress=progress, scratch=scratch)
+    beside = [VolumeFlag.UNREADABLE_FILES] if any(one.is_trouble for one in found.skipped) else []
+    if series_uid is None and found.may_mean_another(series):
+        beside.append(VolumeFlag.ONLY_USABLE)
+    return read_series(series, limits, beside=beside, progress=progress, scratch=scratch)
 
 
 def _told(volume: CTVolume) -> CTVolume:
@@ -123,11 +125,11 @@ def read_series(
     series: Series,
     limits: Limits = DEFAULT_LIMITS,
     *,
-    troubled: bool = False,
+    beside: Sequence[VolumeFlag] = (),
     progress: bool = False,
     scratch: Scratch | None = None,
 ) -> CTVolume:
-    """Read a series that `find_series` or `catalogue_of` listed; ``troubled``: files beside it were unreadable.
+    """Read a series that `find_series` or `catalogue_of` listed; ``beside`` is what else lies there tells against it.
 
     Raises `InputError` like `read_ct`.
     """
@@ -147,7 +149,7 @@ def read_series(
         description=first.description,
         kernel=slices[0].kernel,
     )
-    flags = (*stack.flags, VolumeFlag.UNREADABLE_FILES) if troubled else stack.flags
+    flags = (*stack.flags, *beside)
     if first.modality == "CT" and _has_doubtful_sign(slices, voxels, padding_hu, limits):
         flags = (*flags, VolumeFlag.SIGN)
     volume = CTVolume(voxels, stack.grid, source, padding_hu, flags)

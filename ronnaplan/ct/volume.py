@@ -54,6 +54,7 @@ class VolumeFlag(StrEnum):
         "each slice lies sideways of the one before, and no tag tells of a tilted gantry; check their positions"
     )
     UNREADABLE_FILES = "some files beside the slices could not be read"
+    ONLY_USABLE = "another scan beside it cannot be used, so this one was taken; check that it is the one meant"
     NO_FRAME_OF_REFERENCE = "the file names no frame of reference"
     IMAGES_LEFT_OUT = "images of the same series that do not fit the others were left out"
     MIXED_VOLTAGE = "the tube voltage changes within the volume"

@@ -34,6 +34,22 @@ def test_a_damaged_file_beside_a_series_is_named_and_flagged(tmp_path: Path) -> 
     assert "could not be read" in read_ct(tmp_path).flags[-1]
 
 
+def test_a_scan_that_was_taken_since_another_cannot_be_used_is_flagged(tmp_path: Path) -> None:
+    """Of one damaged slice, the scan of another day was localized instead, without a word."""
+
+    def of_another(made: Dataset, k: int) -> None:
+        made.SeriesInstanceUID = "1.2.9"
+        if k == 1:
+            made.PixelData = made.PixelData[:-20]
+
+    write_series(tmp_path, 12)
+    write_series(tmp_path, 7, of_another, "other")
+    assert read_ct(tmp_path).flags == (VolumeFlag.ONLY_USABLE,)
+    assert read_ct(tmp_path, SERIES).flags == ()  # it was asked for
+    (tmp_path / "other006").unlink()  # as few as are made to watch contrast come
+    assert read_ct(tmp_path).flags == ()
+
+
 def test_an_empty_file_with_the_name_of_an_image_is_flagged(tmp_path: Path) -> None:
     write_series(tmp_path)
     (tmp_path / "notes.txt").touch()
