@@ -44,6 +44,8 @@ OTHERS = {
 UNKNOWN = "markups of other types"
 """What the others are called."""
 MOST_MARKUPS_BYTES = 2**26
+OWN_BYTES, OWN_FORMAT = 200, re.compile(rb'"format"\s*:\s*"(ronnaplan\.\w+)"')
+"""How documents of this program begin."""
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
 
@@ -97,6 +99,12 @@ def read_markups_file(path: Path) -> tuple[Markup, ...]:
     try:
         return checked(parse_json(content), MarkupsFile).markups
     except ValueError as error:
+        own = OWN_FORMAT.search(content[:OWN_BYTES])
+        if own:
+            raise InputError(
+                f"{path} is a document of this program ({own[1].decode()}); expected what another one wrote, such as "
+                "Slicer's markups"
+            ) from error
         raise InputError(
             f"{path} is not a Slicer markups file ({error}); expected markups with controlPoints, in mm, LPS or RAS"
         ) from error

@@ -88,6 +88,13 @@ def test_markups_that_name_millimetres_by_their_code_are_read(tmp_path: Path) ->
     assert read_recording(written(tmp_path, "m.mrk.json", text)).points[0].position_mm.tolist() == [1, 2, 3]
 
 
+def test_a_document_of_this_program_in_the_place_of_readings_is_called_so(tmp_path: Path) -> None:
+    """`register fiducials.json fiducials.json` said that a Slicer file lacks its markups."""
+    path = written(tmp_path, "fiducials.json", '{"format": "ronnaplan.fiducials", "version": 1, "fiducials": []}')
+    with pytest.raises(InputError, match=r"is a document of this program \(ronnaplan.fiducials\); expected what"):
+        read_recording(path)
+
+
 def test_an_fcsv_that_names_two_systems_is_refused(tmp_path: Path) -> None:
     text = "# CoordinateSystem = LPS\n# CoordinateSystem = RAS\n# columns = id,x,y,z,label\n1,1,2,3,F\n"
     with pytest.raises(InputError, match="each once"):
