@@ -38,6 +38,8 @@ COMPANIONS: Final = (
     "1.3.12.2.1107.5.9.1",  # a maker's own: CSA non-image
 )
 """Classes that studies of heads hold, too. They are kept: a sender calls a study failed where one of them is not."""
+RARER_COMPANIONS: Final = tuple(f"{_STORAGE}{end}" for end in ("88.73", "104.3", "66.5", "200.2"))
+"""A patient's dose, STL, surfaces, what a scanner did: kept, too; a request by C-GET has no room for them."""
 OTHER_MODALITIES: Final = tuple(
     f"{_STORAGE}{end}" for end in ("4", "4.1", "128", "130", "20", "1", "1.1", "12.1", "6.1")
 )

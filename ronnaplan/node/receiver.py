@@ -16,7 +16,7 @@ from pynetdicom.association import Association
 
 from ronnaplan.errors import InputError
 from ronnaplan.node.audit import Audit, Instances
-from ronnaplan.node.classes import CLASSES, COMPANIONS, SYNTAXES
+from ronnaplan.node.classes import CLASSES, COMPANIONS, RARER_COMPANIONS, SYNTAXES
 from ronnaplan.node.commitment import COMMITMENT
 from ronnaplan.node.config import ANY_ADDRESS, Config, Peer
 from ronnaplan.node.facts import Facts, read_facts
@@ -127,7 +127,7 @@ class Receiver:
         entity.add_supported_context(PROCEDURE_STEP)
         # a receiver that reports is its provider
         entity.add_supported_context(COMMITMENT, scu_role=True, scp_role=True)
-        for sop_class in (*CLASSES, *COMPANIONS):
+        for sop_class in (*CLASSES, *COMPANIONS, *RARER_COMPANIONS):
             entity.add_supported_context(sop_class, list(SYNTAXES))
         return entity
 

@@ -17,7 +17,7 @@ from pydicom.uid import UID, CTImageStorage, DeflatedExplicitVRLittleEndian, Exp
 from pynetdicom import AE, _config
 
 from ronnaplan.errors import InputError
-from ronnaplan.node.classes import CLASSES, COMPANIONS
+from ronnaplan.node.classes import CLASSES, COMPANIONS, RARER_COMPANIONS
 from ronnaplan.node.facts import read_facts
 from ronnaplan.node.logs import Log
 from ronnaplan.node.receiver import Receiver
@@ -69,7 +69,7 @@ def test_the_command_of_the_docs_sends_the_synthetic_scan(node: Listening) -> No
 
 def test_every_class_that_a_study_of_a_head_may_hold_is_kept(node: Listening, tmp_path: Path) -> None:
     """Of a study whose dose report was refused senders gave up the scan, too."""
-    entity, classes = AE("CT1"), (*CLASSES, *COMPANIONS)
+    entity, classes = AE("CT1"), (*CLASSES, *COMPANIONS, *RARER_COMPANIONS)
     for sop_class in classes:
         entity.add_requested_context(sop_class)
     association = associate(entity, node.port)
@@ -82,6 +82,7 @@ def test_every_class_that_a_study_of_a_head_may_hold_is_kept(node: Listening, tm
     assert sorted(dcmread(path).SOPClassUID for path in node.files()) == sorted(classes)
     assert set(classes) >= {
         *("1.2.840.10008.5.1.4.1.1.7", "1.2.840.10008.5.1.4.1.1.88.67"),  # secondary capture, dose report
+        *("1.2.840.10008.5.1.4.1.1.88.73", "1.2.840.10008.5.1.4.1.1.104.3"),  # a patient's dose, STL
         "1.2.840.10008.5.1.4.1.1.2",  # CT
         "1.2.840.10008.5.1.4.1.1.2.1",  # enhanced
         "1.2.840.10008.5.1.4.1.1.2.2",  # legacy converted
