@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.fit.cells import cell_directions
-from ronnaplan.localization.fit.depth import REACH_BLURS, REACH_MM, SURFACE_BLURS
+from ronnaplan.localization.fit.cells import CELL_COUNT, cell_directions
+from ronnaplan.localization.fit.depth import SURFACE_BLURS, reach_mm
 from ronnaplan.localization.fit.descent import Prior
-from ronnaplan.localization.fit.directions import Verdict
+from ronnaplan.localization.fit.directions import ATTACHED_SHARE, Verdict
+from ronnaplan.localization.fit.disc import share_below
 from ronnaplan.localization.fit.model import has_layer, has_streaks
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import (
@@ -56,6 +60,9 @@ CURVATURE_SPREAD_PER_MM = 1.0 / 140.0
 """Standard deviation of how the skin is curved about `SKIN_CURVATURE_PER_MM`: heads are flat at the temples, and round
 as a ball of 55 mm elsewhere. Taken for round, flat skin displaces balls by 2 to 8 um, away from it."""
 
+PLANE_DEPTHS, PLANE_HALVINGS = 9, 12
+"""How far a plane that a ball touches is seen beside it is told by so many places outward, to 1 in 2 to the second."""
+
 MIN_SKIN_DEPTH = 0.7
 """What a ball lies on is no nearer to its center than this share of its radius; a cone standing there looks sunk."""
 
@@ -90,15 +97,34 @@ def bent(along_mm: FloatArray, theta: FloatArray, jacobian: FloatArray) -> Float
     return changed
 
 
-def share_on_skin(theta: FloatArray) -> float:
-    """Share of a ball's directions in which skin that it touches, as flat as a plane, is met just outside its blur.
+def share_on_skin(theta: FloatArray, attached_hu: float) -> float:
+    """Share of a ball's directions in which what it touches, as flat as a plane, is attached to it for `judge`.
 
-    That is where `directions.judge` looks for what goes on outward: a ball of so much more in radius reaches as deep
-    into the plane, and half of that depth by its radius is the share of it that lies beneath.
+    That is where a plane of ``attached_hu`` over the background, blurred as the ball is, exceeds this by
+    `ATTACHED_SHARE` of the contrast on the average of what lies just outside the ball's blur. The brighter it is beside
+    the ball, the farther aside its blur does so.
     """
     blur_mm = float(np.sqrt((2.0 * theta[BLUR] ** 2 + theta[WIDTH] ** 2 / 12.0) / 3.0 + LEAST_SPREAD_MM2))
-    outside_mm = (SURFACE_BLURS + REACH_BLURS) / 2.0 * blur_mm + REACH_MM / 2.0
-    return outside_mm / (float(theta[RADIUS]) + outside_mm) / 2.0
+    outside_mm = float(theta[RADIUS]) + np.linspace(SURFACE_BLURS * blur_mm, reach_mm(blur_mm), PLANE_DEPTHS)
+    least = ATTACHED_SHARE * min(float(theta[CONTRAST]) / max(attached_hu, 1.0), 1.0)
+    return (1.0 - _cosine_in_plane(outside_mm, float(theta[RADIUS]), blur_mm, least)) / 2.0
+
+
+@njit(cache=True)
+def _cosine_in_plane(outside_mm: FloatArray, plane_mm: float, blur_mm: float, least: float) -> float:
+    """Cosine to the normal of a plane ``plane_mm`` away, at which the places (N,) are in it to the share ``least``.
+
+    A direction's cell is as wide as `CELL_COUNT` of them leave it, which blurs the plane's edge further.
+    """
+    low, high = 0.0, 1.0
+    for _ in range(PLANE_HALVINGS):
+        middle, inside = (low + high) / 2.0, 0.0
+        across2 = (1.0 - middle**2) / CELL_COUNT
+        for place_mm in outside_mm:
+            spread_mm = math.sqrt(blur_mm**2 + place_mm**2 * across2)
+            inside += share_below((middle * place_mm - plane_mm) / spread_mm) / len(outside_mm)
+        low, high = (low, middle) if inside > least else (middle, high)
+    return high
 
 
 def with_skin(

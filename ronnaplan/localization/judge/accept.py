@@ -199,7 +199,7 @@ def _coverage(evidence: Evidence) -> str | None:
 def _free(evidence: Evidence) -> str | None:
     verdict = evidence.verdict
     attached = verdict.attached_share
-    allowed = max(MAX_ATTACHED, share_on_skin(evidence.fit.theta) + SKIN_MARGIN)
+    allowed = max(MAX_ATTACHED, share_on_skin(evidence.fit.theta, float(verdict.excess_hu.max())) + SKIN_MARGIN)
     if attached > allowed:
         return f"{attached:.0%} of its surface is attached to something as bright, {allowed:.0%} allowed"
     ragged = MAX_RAGGED + RAGGED_WIDTH * _thickness_beyond(evidence)

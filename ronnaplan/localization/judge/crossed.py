@@ -20,7 +20,8 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.algebra import inverse
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.cells import cell_directions
-from ronnaplan.localization.fit.guess import margin_mm
+from ronnaplan.localization.fit.guess import METAL_CONTRAST_HU, margin_mm
+from ronnaplan.localization.fit.model import has_layer
 from ronnaplan.localization.fit.parameters import CENTER, CONTRAST, RADIUS, WIDTH
 from ronnaplan.localization.judge.part import HALF_A_BALL, fit_by_part, is_plain
 from ronnaplan.localization.judge.uncertainty import ADAPTED_SLICES, WEIGHTS, by_slices
@@ -79,10 +80,11 @@ def untold_mm2(volume: CTVolume, fit: BallFit) -> FloatArray:
 
     It makes what it crosses of a ball fainter. What that does to the center, the voxels' influence tells: much where
     few thick slices hold a ball, whose edges tell less and whose levels tell more; nothing where both halves are
-    crossed alike.
+    crossed alike. It is stated of clipped balls of ceramic, too, which slices without the screw are not asked about.
     """
     fit = fit.drawn or fit
-    crossed_mm = _crossed_mm(volume, fit) if is_plain(fit) and fit.by_part_mm2 is None else None
+    is_asked = fit.by_part_mm2 is None and (is_plain(fit) or _is_clipped_ceramic(fit))
+    crossed_mm = _crossed_mm(volume, fit) if is_asked else None
     if crossed_mm is None:
         return np.zeros((3, 3))
     across = _across(fit)
@@ -94,6 +96,13 @@ def untold_mm2(volume: CTVolume, fit: BallFit) -> FloatArray:
     normal = fit.neighbourhood.axes[across]
     stated: FloatArray = pull_mm**2 * np.outer(normal, normal)
     return stated
+
+
+def _is_clipped_ceramic(fit: BallFit) -> bool:
+    """Whether the scale hides how a ball is shaded that has less contrast than metal."""
+    return (
+        fit.converged and not fit.is_shaded and fit.contrast_hu <= METAL_CONTRAST_HU and not has_layer(fit.theta)
+    )
 
 
 def is_beside_metal(volume: CTVolume, fit: BallFit) -> bool:

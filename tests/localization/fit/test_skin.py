@@ -7,9 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from phantoms.scene import Part, Scene
+from phantoms.solids import box, sphere
+from ronnaplan.localization import FiducialFlag, localize
 from ronnaplan.localization.examine import fit_place
 from ronnaplan.localization.fit.cells import cell_directions
-from ronnaplan.localization.fit.parameters import BLUR, PARAMETERS, RADIUS, WIDTH
+from ronnaplan.localization.fit.parameters import BLUR, CONTRAST, PARAMETERS, RADIUS, WIDTH
 from ronnaplan.localization.fit.skin import is_skin, lies_on_something, share_on_skin
 from ronnaplan.localization.scanner.scan import Scan
 from tests.scans import balls, scan, small_stack
@@ -30,13 +33,23 @@ def test_a_plane_that_the_ball_touches_is_met_in_this_share_of_the_directions(
     radius_mm: float, blur_mm: float
 ) -> None:
     theta = np.zeros(len(PARAMETERS))
-    theta[[RADIUS, BLUR, WIDTH]] = radius_mm, blur_mm, np.sqrt(12.0) * blur_mm
+    theta[[RADIUS, BLUR, WIDTH, CONTRAST]] = radius_mm, blur_mm, np.sqrt(12.0) * blur_mm, 1000.0
     directions = np.random.default_rng(3).normal(size=(200_000, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, np.newaxis]
     places = (
         radius_mm + 2.5 * np.hypot(blur_mm, 0.1) + 0.25
     ) * directions  # where `judge` looks, two to three blurs out
-    assert share_on_skin(theta) == pytest.approx(np.mean(places[:, 2] < -radius_mm), abs=0.004)
+    assert share_on_skin(theta, 1000.0) == pytest.approx(np.mean(places[:, 2] < -radius_mm), abs=0.004)
+
+
+@pytest.mark.parametrize("material", ["aluminium", "ceramic"])
+def test_a_ball_of_plastic_is_found_flush_on_the_face_of_what_is_brighter(material: str) -> None:
+    face = Part(box((1.0, -6.0, 3.0), (30.0, 8.0, 12.0)), material)
+    ball = Part(sphere((1.0, 2.0, 3.0), 8.0), "acrylic")
+    found = localize(scan(Scene((face, ball)), small_stack(), blur_mm=0.35), diameter_mm=8.0)
+    assert len(found) == 1
+    assert np.linalg.norm(found[0].center_mm - [1.0, 2.0, 3.0]) < 0.02
+    assert FiducialFlag.NEIGHBOUR in found[0].flags
 
 
 def test_what_stands_on_two_sides_alike_is_no_skin() -> None:

@@ -27,16 +27,22 @@ FAINTER = 0.12
 
 
 def on_a_screw(
-    tilt_deg: float, *, streak: bool = True, spacing_mm: float = 0.6, diameter_mm: float = DIAMETER_MM
+    tilt_deg: float,
+    *,
+    streak: bool = True,
+    spacing_mm: float = 0.6,
+    diameter_mm: float = DIAMETER_MM,
+    material: str = "acrylic",
 ) -> CTVolume:
     """A ball on a post that rises by ``tilt_deg`` from the slices, whose screw makes a streak where it crosses them."""
     tilt = math.radians(tilt_deg)
     down = np.array([-math.cos(tilt), 0.0, -math.sin(tilt)])
-    post = Part(cylinder(tuple(CENTER_MM + 3.5 * down), tuple(down), 18.0, 3.0), "acrylic")
+    start_mm = 3.5 if material == "acrylic" else 4.3  # of another material they must not overlap
+    post = Part(cylinder(tuple(CENTER_MM + start_mm * down), tuple(down), 18.0, 3.0), "acrylic")
     screw = Part(cylinder(tuple(CENTER_MM + 8.5 * down), tuple(down), 12.0, 2.0), "titanium")
     place = (float(CENTER_MM[0]), float(CENTER_MM[1]), float(CENTER_MM[2]))
     stack = small_stack(spacing_mm=spacing_mm, thickness_mm=spacing_mm)
-    seen = scan(Scene((post, screw)) + balls([place], diameter_mm), stack)
+    seen = scan(Scene((post, screw)) + balls([place], diameter_mm, material), stack)
     if not streak:
         return seen
     x, y, z = offsets_mm(seen, CENTER_MM)
@@ -101,6 +107,16 @@ def test_a_pull_is_stated_where_no_slice_is_clear_either() -> None:
     volume = on_a_screw(6.0, streak=False, spacing_mm=2.5, diameter_mm=5.0)
     stated = untold_mm2(volume, fit_of(volume, 5.0))
     assert math.sqrt(stated[2, 2]) > 0.008  # 0 where it is told by how much is clear
+
+
+def test_a_pull_is_stated_of_ceramic_that_the_scale_clips() -> None:
+    whole = on_a_screw(18.0, material="ceramic")
+    volume = replace(whole, voxels_hu=np.minimum(whole.voxels_hu, np.int16(2600)))
+    fit = fit_of(volume)
+    error_mm = fit.center_mm - CENTER_MM
+    assert not fit.is_shaded
+    assert error_mm[2] > 0.03
+    assert error_mm @ np.linalg.solve(stated_mm2(volume, fit), error_mm) < 7.8  # beyond where it is not
 
 
 def test_thick_slices_make_no_screw_along_them_one_sided() -> None:
