@@ -121,8 +121,7 @@ def center_covariance(
         total += fit.by_part_mm2
     axes = fit.neighbourhood.axes
     rotated: FloatArray = axes.T @ total @ axes
-    if is_off_size(excess_mm):
-        rotated += excess_mm**2 * by_excess(fit)
+    rotated += excess_mm**2 * (by_excess(fit) if is_off_size(excess_mm) else by_size(fit))
     return (rotated + rotated.T) / 2.0 + pull_mm2
 
 
@@ -199,11 +198,19 @@ def hidden_shading_mm2(fit: BallFit) -> float:
 def by_excess(fit: BallFit) -> FloatArray:
     """Covariance (3, 3) in LPS for each mm^2 by which a diameter is off: something may lie on one side of the marker.
 
-    Where that is, is not known; and where something hides a side, a wrong size moves the center along it.
+    Where that is, is not known.
     """
-    axes, toward = fit.neighbourhood.axes, fit.center_by_radius / 2.0
-    aside: FloatArray = axes.T @ (ASIDE**2 / 3.0 * np.eye(3) + np.outer(toward, toward)) @ axes
+    aside: FloatArray = ASIDE**2 / 3.0 * np.eye(3) + by_size(fit)
     return aside
+
+
+def by_size(fit: BallFit) -> FloatArray:
+    """Covariance (3, 3) in LPS for each mm^2 by which a diameter is off, whatever made it so.
+
+    Where something hides a side of a ball, a wrong size moves the center along it.
+    """
+    toward = fit.center_by_radius / 2.0 @ fit.neighbourhood.axes
+    return np.outer(toward, toward)
 
 
 def cramer_rao_bound(fit: BallFit, noise_hu: float) -> FloatArray:

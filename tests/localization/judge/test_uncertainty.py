@@ -11,7 +11,7 @@ import pytest
 from scipy.ndimage import convolve1d, gaussian_filter
 
 from phantoms.scene import Part, Scene
-from phantoms.solids import cylinder, sphere
+from phantoms.solids import box, cylinder, sphere
 from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import localize
@@ -231,6 +231,19 @@ def test_what_touches_the_ball_makes_it_less_certain() -> None:
     assert np.trace(center_covariance(held, movement(Edge(held)))) > np.trace(
         center_covariance(free, movement(Edge(free)))
     )
+
+
+def test_a_diameter_that_is_hardly_off_is_stated_where_one_side_of_a_ball_is_hidden() -> None:
+    """A center that only the far side tells moves with the radius: 0.04 mm wider, it lies 0.02 to 0.03 aside."""
+    face = Scene((Part(box((1.0, 2.0, -7.0), (30.0, 30.0, 8.0)), "aluminium"),))  # 0.25 mm beneath the ball
+    for scene, at_least_mm, at_most_mm in (
+        (balls([(1, 2, 3)]), 0.0, 0.003),
+        (face + balls([(1, 2, 3)]), 0.015, 0.03),
+    ):
+        fit = fit_of(scan(scene, small_stack(), seed=2))
+        as_stated, off = (center_covariance(fit, movement(Edge(fit)), excess_mm=by_mm) for by_mm in (0.0, 0.04))
+        assert at_least_mm <= math.sqrt(off[2, 2] - as_stated[2, 2]) < at_most_mm
+        assert math.sqrt(off[0, 0] - as_stated[0, 0]) < 0.003
 
 
 def test_a_bell_no_wider_than_the_blur_within_slices_adds_what_a_lagging_panel_may_displace(
