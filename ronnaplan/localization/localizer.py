@@ -34,6 +34,7 @@ from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import Examined, examine, examine_places, markers_in, same_places
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
 from ronnaplan.localization.judge.motion import LEAST_TOGETHER
+from ronnaplan.localization.judge.uncertainty import NEIGHBOUR_COVERAGE
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanner.summed import UNTOLD
 from ronnaplan.localization.scanwide.logarithm import as_summed
@@ -51,9 +52,6 @@ LOG = logging.getLogger(__name__)
 
 MIN_VOXELS_PER_DIAMETER = 2.0
 """A ball smaller than this many pixels has no shape to recognize it by."""
-
-NEIGHBOUR_COVERAGE = 0.75
-"""Below this share of surface seen, a marker is flagged as touched by something large."""
 
 TOUCHING_SLICES = 1.25
 """Slices farther apart than this many widths of their profile leave gaps between them."""

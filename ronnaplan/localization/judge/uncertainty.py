@@ -101,6 +101,10 @@ HIDDEN_SHADING = 0.001
 one side of it, and the larger it is, the more its two sides differ: 4 to 6 um were seen in balls of 8 mm, nothing in
 those of 3 mm."""
 
+NEIGHBOUR_COVERAGE = 0.75
+"""Below this share of surface seen, a marker is flagged as touched by something large, and its center goes with its
+size."""
+
 ASIDE, MOST_ASIDE = 0.5, 0.75
 """A film that thins out towards the other side displaces a fitted center by the first share of what it adds to the
 diameter; one over half the ball, or a strip over one side, by the second. That is stated where no flag tells of it."""
@@ -121,7 +125,10 @@ def center_covariance(
         total += fit.by_part_mm2
     axes = fit.neighbourhood.axes
     rotated: FloatArray = axes.T @ total @ axes
-    rotated += excess_mm**2 * (by_excess(fit) if is_off_size(excess_mm) else by_size(fit))
+    if is_off_size(excess_mm):
+        rotated += excess_mm**2 * by_excess(fit)
+    elif fit.coverage < NEIGHBOUR_COVERAGE:
+        rotated += excess_mm**2 * by_size(fit)
     return (rotated + rotated.T) / 2.0 + pull_mm2
 
 
