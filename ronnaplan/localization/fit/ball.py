@@ -34,8 +34,9 @@ THIN_SHARE = 0.6
 
 PLACES_PER_BLUR, PLACES_BETWEEN, FEWER_PLACES = 3, 6, 1.5
 """Voxels of a slice that are as far from the ball's axis see the same. Where a slice has more of them, by the last
-factor, than there are places so many to a blur, these are looked at, and voxels are told by the six nearest: to 1e-4 of
-the contrast at worst, and 1e-5 RMS, which moves centers by 5 nm."""
+factor, than there are places so many to a blur, these are looked at, and voxels are told by the six nearest. That is
+off by 1e-4 of the contrast at worst where the ``edge`` is below 0, by 4e-4 up to 1, by 2e-3 where edges overshoot most;
+by a fifth of that RMS at most."""
 
 Discs = tuple[FloatArray, FloatArray, FloatArray]
 """What the compiled functions look up: the table of blurred discs, and places and weights of the discs at the poles."""
