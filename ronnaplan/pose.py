@@ -125,8 +125,7 @@ def as_pose(matrix: ArrayLike, name: str = "pose", *, tolerance: float = POSE_TO
         raise InputError(
             f"{name} is not rigid: its axes miss orthonormality by {excess:.2g}; expected a pure rotation"
         )
-    u, _, vt = np.linalg.svd(rotation)
-    pose[:3, :3] = u @ vt
+    pose[:3, :3] = nearest_rotations(rotation)
     pose[3] = (0, 0, 0, 1)
     return pose
 
@@ -138,8 +137,7 @@ def as_poses(matrices: ArrayLike, name: str) -> FloatArray:
     for wrong in np.flatnonzero(~sound):
         as_pose(poses[wrong], f"{name} {wrong}")
     require_millimetres_away(poses, f"{name} lies")
-    u, _, vt = np.linalg.svd(poses[:, :3, :3])
-    return rigid(u @ vt, poses[:, :3, 3])
+    return rigid(nearest_rotations(poses[:, :3, :3]), poses[:, :3, 3])
 
 
 def require_millimetres_away(matrices: FloatArray, told: str) -> None:
@@ -183,6 +181,17 @@ def _are_poses(matrices: FloatArray) -> NDArray[np.bool_]:
 def orthonormality_excess(rotation: FloatArray) -> float:
     """Return the largest entry of ``R @ R.T - 1`` of ``rotation`` (3, 3): none for a rotation or a mirror image."""
     return float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+
+
+def nearest_rotations(matrices: FloatArray) -> FloatArray:
+    """Return the rotations (..., 3, 3) nearest to ``matrices`` (..., 3, 3) in least squares, never a reflection.
+
+    By the singular value decomposition with the sign correction of Kabsch (1978, Acta Cryst. A34:827) and Umeyama
+    (1991, IEEE PAMI 13:376).
+    """
+    u, _, vt = np.linalg.svd(matrices)
+    u[..., :, 2] *= np.sign(np.linalg.det(u @ vt))[..., np.newaxis]
+    return np.asarray(u @ vt)
 
 
 def rigid(rotation: FloatArray, translation_mm: FloatArray) -> FloatArray:

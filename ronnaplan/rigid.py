@@ -12,10 +12,10 @@ from ronnaplan.bounds import LARGEST_SPREAD_MM, SMALLEST_SPREAD_MM
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.minimize import minimize
-from ronnaplan.pose import exponential, point_jacobian, rigid, transform_points
+from ronnaplan.pose import exponential, nearest_rotations, point_jacobian, rigid, transform_points
 
 COLLINEARITY_TOLERANCE = 1e-3
-"""Second singular value of the centerd points over the first below which they count as one line (0.1 mm in 10
+"""Second singular value of the centered points over the first below which they count as one line (0.1 mm in 10
 cm)."""
 CONVERGED_STEP = 1e-10
 """A fit has settled when no update (rad about the centroid; mm) is larger; far below any marker's error."""
@@ -73,17 +73,14 @@ def fit_closed_form(
     """Return the rotation and translation (..., 4, 4) that minimize Eq. 1, never a reflection.
 
     ``moving_mm``, ``fixed_mm``: (..., N, 3), paired row by row; ``weights``: (..., N), equal when left out.
-    Solved by the singular value decomposition of the cross-covariance with the sign correction of Kabsch
-    (1978, Acta Cryst. A34:827) and Umeyama (1991, IEEE PAMI 13:376), without scale.
+    The rotation is the one nearest to the cross-covariance (Kabsch 1978, Umeyama 1991), without scale.
     """
     share = np.ones(moving_mm.shape[:-1]) if weights is None else np.asarray(weights)
     share = (share / share.sum(axis=-1, keepdims=True))[..., None]
     from_center = (share * moving_mm).sum(axis=-2, keepdims=True)
     to_center = (share * fixed_mm).sum(axis=-2, keepdims=True)
     cross = (share * (fixed_mm - to_center)).swapaxes(-1, -2) @ (moving_mm - from_center)
-    u, _, vt = np.linalg.svd(cross)
-    u[..., :, 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
-    rotation = u @ vt
+    rotation = nearest_rotations(cross)
     return rigid(rotation, to_center[..., 0, :] - (rotation @ from_center[..., 0, :, None])[..., 0])
 
 

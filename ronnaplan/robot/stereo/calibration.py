@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, as_points
-from ronnaplan.pose import Pose, adjoint, as_poses, as_stack, exponential, invert, rigid
+from ronnaplan.pose import Pose, adjoint, as_poses, as_stack, exponential, invert, nearest_rotations, rigid
 from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.hand_eye import require_two_axes
 from ronnaplan.robot.stereo.board import grid_mm, quarters_apart, recounted, seen_by_both
@@ -226,8 +226,7 @@ def _start(poses: FloatArray, spheres: FloatArray) -> FloatArray:
     if rank < design.shape[1]:
         raise InputError(UNDETERMINED)
     full = solution / scale
-    u, _, vt = np.linalg.svd(full[:9].reshape(3, 3))
-    turn = u @ np.diag([1, 1, np.sign(np.linalg.det(u @ vt))]) @ vt
+    turn = nearest_rotations(full[:9].reshape(3, 3))
     return rigid(turn, full[9:12] - turn @ middle)
 
 
