@@ -237,6 +237,14 @@ def point_jacobian(points_mm: FloatArray) -> FloatArray:
     return np.concatenate([-cross_matrix(points_mm), identity], axis=-1)
 
 
+def about(places_mm: FloatArray) -> FloatArray:
+    """Return what makes of a ``xi`` about the origin the same movement's about ``places_mm`` (..., 3): (..., 6, 6)."""
+    carry = np.zeros((*places_mm.shape[:-1], 6, 6))
+    carry[..., :3, :3] = np.eye(3)
+    carry[..., 3:, :] = point_jacobian(places_mm)
+    return carry
+
+
 def adjoint(matrix: FloatArray) -> FloatArray:
     """Return the (..., 6, 6) that carries ``xi`` of frame B's axes and origin into frame A by ``a_from_b``."""
     rotation = matrix[..., :3, :3]

@@ -12,7 +12,7 @@ from ronnaplan.bounds import LARGEST_SPREAD_MM, SMALLEST_SPREAD_MM
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.minimize import minimize
-from ronnaplan.pose import exponential, nearest_rotations, point_jacobian, rigid, transform_points
+from ronnaplan.pose import about, exponential, nearest_rotations, point_jacobian, rigid, transform_points
 
 COLLINEARITY_TOLERANCE = 1e-3
 """Second singular value of the centered points over the first below which they count as one line (0.1 mm in 10
@@ -163,9 +163,7 @@ def pose_covariance(
     if remaining_mm2 is not None:
         spurious = np.zeros((3, 3)) if own_mm2 is None else _turning_information(own_mm2, weight)
         spread = _second_order(seen, spread, spurious, _turning_information(remaining_mm2, weight))
-    move = np.zeros_like(spread)
-    move[..., :3, :3] = np.eye(3)
-    move[..., 3:, :] = point_jacobian(-center)  # the origin, as seen from the centroid
+    move = about(-center)  # the origin, as seen from the centroid
     covariance: FloatArray = move @ spread @ move.swapaxes(-1, -2)
     return covariance
 

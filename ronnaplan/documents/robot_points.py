@@ -22,7 +22,7 @@ from ronnaplan.documents.robot_formats import RobotFormat
 from ronnaplan.documents.ros import yaml_number
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import Pose, as_pose, point_jacobian
+from ronnaplan.pose import Pose, about, as_pose
 from ronnaplan.robot.chain import TCP, R
 from ronnaplan.robot.trajectories import RobotTrajectory
 
@@ -124,7 +124,7 @@ def _document(
 
 def _point(one: RobotTrajectory, end: int) -> dict[str, object]:
     pose = (one.at_entry, one.at_target)[end]
-    about_origin = _shift(-pose[:3, 3])
+    about_origin = about(-pose[:3, 3])
     covariance = about_origin @ one.tip_covariances[end] @ about_origin.T
     return {
         "robot_from_tool": {
@@ -133,13 +133,6 @@ def _point(one: RobotTrajectory, end: int) -> dict[str, object]:
         },
         "expected_error": float(one.expected_errors_mm[end]),
     }
-
-
-def _shift(place_mm: FloatArray) -> FloatArray:
-    """Return the (6, 6) that carries errors about the origin to those about ``place_mm``."""
-    carry = np.eye(6)
-    carry[3:] = point_jacobian(place_mm)
-    return carry
 
 
 def _points(document: RobotPointsDocument) -> list[tuple[str, str, Pose]]:
@@ -156,9 +149,8 @@ def _points(document: RobotPointsDocument) -> list[tuple[str, str, Pose]]:
 
 def _about_tip(pose: Pose) -> FloatArray:
     """Return the covariance (6, 6), rotation first, of a tool that turns about its tip."""
-    carry = _shift(pose.translation_mm)
-    about: FloatArray = carry @ pose.covariance @ carry.T
-    return about
+    carry = about(pose.translation_mm)
+    return np.asarray(carry @ pose.covariance @ carry.T)
 
 
 def _csv(document: RobotPointsDocument) -> str:

@@ -15,7 +15,7 @@ from ronnaplan.display import Shown, coordinates
 from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray, Frame, as_points, rms_mm
 from ronnaplan.pose import Pose as Pose
-from ronnaplan.pose import invert, rotation_sd_deg, transform_points
+from ronnaplan.pose import invert, point_jacobian, rotation_sd_deg, transform_points
 from ronnaplan.registration.covariances import (
     Covariances,
     as_pair,
@@ -185,6 +185,12 @@ class Registration(Shown[RegisteredPair]):
 
         moving = self.pose.from_frame
         return error_map(self.pose, volume, None if moving == MOVING else moving)
+
+    @property
+    def gain(self) -> FloatArray:
+        """How the pose's ``xi`` follows each fixed point, to first order (N, 6, 3): rad and mm for each mm."""
+        jacobian = point_jacobian(transform_points(self.transform, self.moving_mm))
+        return self.pose.covariance @ jacobian.swapaxes(-1, -2) @ np.linalg.inv(self.covariances_mm2)
 
     @property
     def rotation_sd_deg(self) -> float:

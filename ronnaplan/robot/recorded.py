@@ -9,7 +9,7 @@ import numpy as np
 
 from ronnaplan.errors import InputError, RefusedError, check_type
 from ronnaplan.geometry import FloatArray, Points, require_sigma
-from ronnaplan.pose import Pose, as_pose, point_jacobian, require_millimetres_away, transform_points
+from ronnaplan.pose import Pose, about, as_pose, require_millimetres_away, transform_points
 from ronnaplan.rigid import pose_covariance, require_spread
 from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.tool_frame import locate_tool
@@ -143,7 +143,6 @@ def robot_pose(matrix: FloatArray, sigma_mm: float = SIGMA_ROBOT_MM, sigma_deg: 
     if not 0 <= sigma_deg < 180:
         raise InputError(f"the robot's error of rotation is {sigma_deg} degrees; expected 0 to 180")
     checked = as_pose(matrix, "robot_from_tcp")
-    carry = np.eye(6)
-    carry[3:] = point_jacobian(-checked[:3, 3])
+    carry = about(-checked[:3, 3])
     spread = np.diag(np.repeat([np.radians(sigma_deg) ** 2, sigma_mm**2], 3))
     return Pose(checked, carry @ spread @ carry.T, R, TCP)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame, as_numbers, as_points, rms_mm, unit
 from ronnaplan.planning.trajectory import SHORTEST_PATH_MM
-from ronnaplan.pose import Pose, point_jacobian, rigid
+from ronnaplan.pose import Pose, about, rigid
 from ronnaplan.robot.chain import R
 from ronnaplan.text import listed
 
@@ -91,8 +91,7 @@ def robot_trajectory(
         raise InputError(f"entry and target of {name} are {length:.2f} mm apart; expected a trajectory")
     entry, target = robot_from_ct.apply(ends, frame)
     rotation = _tool_axes(target - entry, as_numbers(x_axis, "the tool's x axis", "a direction (3,)"), name)
-    about_tip = np.tile(np.eye(6), (2, 1, 1))
-    about_tip[:, 3:] = point_jacobian(np.array([entry, target]))
+    about_tip = about(np.array([entry, target]))
     covariances = about_tip @ robot_from_ct.covariance @ about_tip.transpose(0, 2, 1)
     return RobotTrajectory(name, entry, target, covariances, rigid(rotation, entry), rigid(rotation, target))
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ronnaplan.geometry import FloatArray, Frame, Points
-from ronnaplan.pose import Pose, exponential, invert, point_jacobian, rigid, transform_points
+from ronnaplan.pose import Pose, about, exponential, invert, rigid, transform_points
 from ronnaplan.registration import Registration
 from ronnaplan.registration.marker_registration import register_markers
 from ronnaplan.robot.chain import OTS, TCP, Capture, M, R, robot_from_ct
@@ -158,8 +158,7 @@ def _uncertain(rng: np.random.Generator, matrix: FloatArray, sd: FloatArray, noi
     tip = rigid(np.eye(3), matrix[:3, 3])
     xi = rng.normal(size=6) * sd * noisy
     moved = tip @ rigid(exponential(xi[:3]), xi[3:]) @ invert(tip) @ matrix
-    carry = np.eye(6)
-    carry[3:] = point_jacobian(-matrix[:3, 3])
+    carry = about(-matrix[:3, 3])
     return Pose(moved, carry @ np.diag(sd**2) @ carry.T, to, TCP)
 
 
@@ -187,8 +186,7 @@ def _shares(registration: Registration) -> tuple[FloatArray, FloatArray]:
     """
     assert registration.stated_mm2 is not None
     rotation = registration.pose.rotation
-    jacobian = point_jacobian(transform_points(registration.transform, registration.moving_mm))
-    gain = registration.pose.covariance @ jacobian.transpose(0, 2, 1) @ np.linalg.inv(registration.covariances_mm2)
+    gain = registration.gain
     sides = (rotation @ registration.stated_mm2[0] @ rotation.T, registration.stated_mm2[1])
     moving, fixed = ((gain @ side @ gain.transpose(0, 2, 1)).sum(axis=0) for side in sides)
     whole = np.linalg.cholesky(registration.pose.covariance) @ np.linalg.inv(np.linalg.cholesky(moving + fixed))

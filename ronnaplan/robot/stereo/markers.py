@@ -185,10 +185,7 @@ def register_robot_markers(
             f"{fit.fit_probability:.2g}), and so few do not tell which of them to believe: see whether head, base or "
             "a marker is loose and look at all again, at five or more, or state a larger error of them (--sigma-ct)"
         )
-    # the gain of a fit of maximum likelihood: how the pose follows each marker
-    jacobian = point_jacobian(transform_points(fit.transform, fit.moving_mm))
-    gain = fit.pose.covariance @ jacobian.transpose(0, 2, 1) @ np.linalg.inv(fit.covariances_mm2)
-    each = gain @ spheres.common_jacobian[j]
+    each = fit.gain @ spheres.common_jacobian[j]
     common = spheres.tcp_from_rig.covariance
     counted = (each @ common @ each.transpose(0, 2, 1)).sum(axis=0)  # in the fit, as if of each marker for itself
     whole = each.sum(axis=0)
