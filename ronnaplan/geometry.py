@@ -219,3 +219,9 @@ def unit(vector: Sequence[float] | FloatArray) -> FloatArray:
     if not np.isfinite(length) or length == 0.0:
         raise InputError(f"vector {array.tolist()} has no direction; expected a non-zero finite vector")
     return array / length
+
+
+def axes_across(axis: FloatArray) -> FloatArray:
+    """Return two unit vectors (2, 3) that make a right-handed frame with the unit vector ``axis`` (3,) as its third."""
+    first = unit(np.cross(axis, np.eye(3)[np.abs(axis).argmin()]))
+    return np.stack([first, np.cross(axis, first)])

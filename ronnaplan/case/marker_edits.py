@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from ronnaplan.ct import CTVolume
-from ronnaplan.ct.progress import Progress
 from ronnaplan.documents.agreement import disagreement
 from ronnaplan.documents.fiducials import (
     FiducialEntry,
@@ -19,13 +18,11 @@ BY_HAND = "rejected by hand"
 """The reason of a marker that a person turned down; it is kept whole, so that it can be taken back."""
 
 
-def localized(
-    volume: CTVolume, diameter_mm: float, layer_mm: float = 0.0, progress: Progress = False
-) -> FiducialsDocument:
+def localized(volume: CTVolume, diameter_mm: float, layer_mm: float) -> FiducialsDocument:
     """Look for the markers of a diameter in a scan, hollow or wrapped as ``layer_mm`` says."""
     from ronnaplan.localization import Build, localize
 
-    found = localize(volume, diameter_mm=diameter_mm, marker=Build(layer_mm), progress=progress)
+    found = localize(volume, diameter_mm=diameter_mm, marker=Build(layer_mm))
     return fiducials_document(found)
 
 

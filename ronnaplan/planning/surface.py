@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ronnaplan.ct.volume import CTVolume
-from ronnaplan.geometry import FloatArray, unit
+from ronnaplan.geometry import FloatArray, axes_across, unit
 from ronnaplan.minimize import minimize
 from ronnaplan.planning.patch import (
     BLUR,
@@ -214,8 +214,7 @@ def _steepest(offsets: FloatArray, values: FloatArray, outward: FloatArray) -> F
 
 def _axes(normal: FloatArray) -> FloatArray:
     """Rows a, b, c with c the normal (3, 3)."""
-    a = unit(np.cross(normal, np.eye(3)[np.abs(normal).argmin()]))
-    return np.stack([a, np.cross(normal, a), normal])
+    return np.vstack([axes_across(normal), normal])
 
 
 def _solve(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ronnaplan.geometry import FloatArray, unit
+from ronnaplan.geometry import FloatArray, axes_across, unit
 
 SIDES = 16
 """A tube has so many sides, a ball so many meridians."""
@@ -105,9 +105,9 @@ def specks(centers_mm: FloatArray, radius_mm: float) -> Body:
 
 def _turned(points_mm: FloatArray, radii_mm: FloatArray, axis: FloatArray, sides: int = SIDES) -> Body:
     """Return rings about an axis, one a point, joined to a closed surface."""
-    a = unit(np.cross(axis, np.eye(3)[np.abs(axis).argmin()]))
+    a, b = axes_across(axis)
     angle = 2 * np.pi * np.arange(sides) / sides
-    ring = np.cos(angle)[:, np.newaxis] * a + np.sin(angle)[:, np.newaxis] * np.cross(axis, a)
+    ring = np.cos(angle)[:, np.newaxis] * a + np.sin(angle)[:, np.newaxis] * b
     vertices = (points_mm[:, np.newaxis] + radii_mm[:, np.newaxis, np.newaxis] * ring).reshape(-1, 3)
     here = np.arange(sides)
     one = np.stack([here, (here + 1) % sides, here + sides], axis=-1)

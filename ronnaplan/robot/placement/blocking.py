@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
-from ronnaplan.geometry import FloatArray, unit
+from ronnaplan.geometry import FloatArray, axes_across, unit
 from ronnaplan.pose import invert
 from ronnaplan.robot.arm.links import place_links
 from ronnaplan.robot.placement.clearances import (
@@ -225,11 +225,11 @@ def turned_entries(
     """
     out = entry_mm - target_mm
     length, axis = float(np.linalg.norm(out)), unit(out)
-    side = unit(np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())]))
+    side, up = axes_across(axis)
     about = np.arange(AROUND) * 2 * np.pi / AROUND
-    across = np.cos(about)[:, None] * side + np.sin(about)[:, None] * np.cross(axis, side)
+    around = np.cos(about)[:, None] * side + np.sin(about)[:, None] * up
     turns = np.radians(np.repeat(TURNS_DEG, AROUND))
-    spread = np.tile(across, (len(TURNS_DEG), 1))
+    spread = np.tile(around, (len(TURNS_DEG), 1))
     directions = np.cos(turns)[:, None] * axis + np.sin(turns)[:, None] * spread
     scalp_mm = _surface(np.concatenate([axis[None], directions]), target_mm, head_mm)
     deeper_mm = np.nan_to_num(scalp_mm[1:] - scalp_mm[0])
