@@ -60,7 +60,9 @@ class Stream:
     that never was another one counts as none.
     """
 
-    def __init__(self, silence_s: float, resting: Collection[str] | None = None) -> None:
+    def __init__(
+        self, silence_s: float, resting: Collection[str] | None = None, clocks: Clocks | None = None
+    ) -> None:
         self._silence_s, self._resting = silence_s, resting
         self.points: list[PointReading] = []
         self.tools: list[ToolReading] = []
@@ -77,7 +79,7 @@ class Stream:
         self._roundings = Roundings()
         self._buffer = bytearray()
         self._next: Message | None = None
-        self.clocks = Clocks(silence_s)
+        self.clocks = Clocks(silence_s) if clocks is None else clocks
         """Of what is watched."""
         self._point_frames = 0
         self._tool_frames: Counter[str] = Counter()
@@ -141,7 +143,7 @@ class Stream:
     def _names(self) -> int:
         """How many names the longest table holds."""
         tables = (self._tool_frames, self._left_out, self._passed_over)
-        return max(len(self._latest), *(len(table) for table in tables))
+        return max(len(self._latest), len(self.clocks), *(len(table) for table in tables))
 
     def _take(self, message: Message, body: bytes) -> None:
         unpack = {"POINT": self._take_points, "TRANSFORM": self._take_transform}

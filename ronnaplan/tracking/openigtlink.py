@@ -13,6 +13,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from ronnaplan.errors import InputError
+from ronnaplan.tracking.clocks import LEAP_S, Clocks
 from ronnaplan.tracking.fillers import flag_fillers
 from ronnaplan.tracking.igtl_messages import Stream
 from ronnaplan.tracking.recording import PointReading, Recording, StreamEnd, ToolReading
@@ -22,8 +23,6 @@ CONNECT_S = 5.0
 """A server that is there answers within this, its name's look-up included."""
 SILENCE_S = 2.0
 """Without a message for this long, the stream is said to have stopped, and a device without a new one is not seen."""
-LEAP_S = 0.5
-"""A device's time that goes back by more was set back; by less, messages may have overtaken each other."""
 PAUSE_S, LONGEST_PAUSE_S = 0.5, 8.0
 """A server that is gone is tried again after so long at first, and at last."""
 LONGEST_S = 86_400.0
@@ -50,16 +49,17 @@ def moments(
     every_s: float,
     seconds: float,
     resting: Collection[str] | None = None,
+    clocks: Clocks | None = None,
 ) -> Iterator[Recording]:
     """Yield what a server at ``host`` sends in every ``every_s`` of its own time, for up to ``seconds`` of ours.
 
     A message that states no time counts as of its arrival. The last recording says why the stream ended before the
     time was up, if it did; a stream whose own time stands still, or a device's leaps back by more than ``every_s``, or
     `LEAP_S`, has ended. Where the time is up, a moment that had only begun is left out: of its last frame there may be
-    the points and not yet the tools. Readings that a device repeats are flagged, as `Stream` does with ``resting``.
-    Raises `InputError` if no server answers.
+    the points and not yet the tools. Readings that a device repeats are flagged, as `Stream` does with ``resting``,
+    and late ones by ``clocks``, which may be an earlier connection's. Raises `InputError` if no server answers.
     """
-    stream, until = Stream(SILENCE_S, resting), time.monotonic() + seconds
+    stream, until = Stream(SILENCE_S, resting, clocks), time.monotonic() + seconds
     source, cut, told = f"openigtlink://{host}:{port}", _Moments(every_s), False
     with _connected(host, port) as connection:
         connection.settimeout(POLL_S)
@@ -99,15 +99,15 @@ def rejoined_moments(
     """Yield `moments`, and join the server again where its stream ends before the time is up.
 
     That is tried after `PAUSE_S`, and after twice as long each time up to `LONGEST_PAUSE_S`, until there was no moment
-    for ``rejoin_s``. Each end is told; clocks and what a device said before it count no more.
+    for ``rejoin_s``. Each end is told; what a device said before it counts no more, but how late it was does.
     """
+    clocks = Clocks(SILENCE_S)
     until, pause_s, joined = time.monotonic() + seconds, PAUSE_S, False
     tried_until = time.monotonic() + rejoin_s
     while True:
         try:
-            for recording in moments(
-                host, port, every_s=every_s, seconds=until - time.monotonic(), resting=resting
-            ):
+            left_s = until - time.monotonic()
+            for recording in moments(host, port, every_s=every_s, seconds=left_s, resting=resting, clocks=clocks):
                 joined = True
                 if recording.end is None:
                     yield recording

@@ -312,23 +312,34 @@ def test_no_pose_is_valid_once_the_stream_falls_behind(
     assert "readings say 'late: it took longer" in rows[-2]["why"]
 
 
+@pytest.mark.parametrize(
+    ("again_s", "frames", "called", "told"),
+    [(-3.0, 20, b"skin", ["valid", "unseen", "valid", "unseen"]), (0.5, 4, b"head", ["valid", "unseen"])],
+    ids=["its clock set back, its devices called otherwise", "it goes on from a queue, 0.4 s late"],
+)
 def test_a_server_that_was_restarted_is_joined_again_and_nothing_is_valid_meanwhile(
-    room: LiveRoom, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    room: LiveRoom,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    again_s: float,
+    frames: int,
+    called: bytes,
+    told: list[str],
 ) -> None:
-    """With its clock set back, and its devices called otherwise."""
+    """What it had kept while nobody was connected is over: it is no more valid than it was before the line dropped."""
     monkeypatch.setattr(openigtlink, "SILENCE_S", 0.2)
     monkeypatch.setattr(openigtlink, "PAUSE_S", 0.05)
 
     def send(listener: socket.socket) -> None:
-        for start_s, called in ((1e9, b"head"), (1e9 - 3, b"skin")):
+        for start_s, count, name in ((1e9, 20, b"head"), (1e9 + again_s, frames, called)):
             connection, _ = listener.accept()
             with connection:
-                for frame in range(round(RATE_HZ)):
+                for frame in range(count):
                     for message in room.messages(start_s + frame / RATE_HZ):
-                        connection.sendall(message.replace(b"head", called))
+                        connection.sendall(message.replace(b"head", name))
 
-    _, out = watched(room, tmp_path, send, "--rejoin=0.3", "--seconds=30")
-    assert statuses(out) == ["valid", "unseen", "valid", "unseen"]
+    _, out = watched(room, tmp_path, send, "--rejoin=0.3", "--seconds=30", "--every=0.1")
+    assert statuses(out) == told
 
 
 @pytest.mark.parametrize(
