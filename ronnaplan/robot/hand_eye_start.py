@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import invert, rigid
-from ronnaplan.robot.by_pose import of_volume_one
-from ronnaplan.robot.pivot import FEWEST_FOR_SCATTER, MAXWELL_MEDIAN, SLIP_SDS
+from ronnaplan.robot import scatter
+from ronnaplan.robot.pivot import FEWEST_FOR_SCATTER
 from ronnaplan.text import listed, runs
 
 FINEST = (1e-9, 1e-6)
@@ -25,8 +25,6 @@ MOST_WRONG = 1 / 3
 FEWEST_TO_SHIFT, MUCH_BETTER = 20, 0.8
 """Of so many poses those of the robot are tried one earlier and one later. Where they move little from one to the next
 it changes nothing; where it makes the angles left smaller than this share, they are not of the same moments."""
-SHAPE_ROUNDS = 20
-"""So many tell in which directions poses err more."""
 ROUNDS, SETTLED = 50, 1e-3
 """So many rounds weigh the poses anew, or until no weight changes by more than this part of the largest."""
 
@@ -59,17 +57,16 @@ def discrepancies(seen: FloatArray, driven: FloatArray, left: FloatArray, right:
 
 
 def far_off(seen: FloatArray, driven: FloatArray) -> NDArray[np.bool_]:
-    """Return which poses (N,) leave more, in angle or place, than `SLIP_SDS` robust deviations; of a few, none.
+    """Return which poses (N,) leave more, in angle or place, than is usual, of a few none.
 
-    They do also by the deviation along each axis, of the tool and of the tracker: where either errs most in depth, or
-    turns worst about one axis, six deviations of all axes together are less than three of that one.
+    That is by how both scatter in each direction, of the tool or of the tracker.
     """
     if len(seen) < FEWEST_FOR_SCATTER:
         return np.zeros(len(seen), dtype=bool)
     in_tool = _left(seen, driven)
     in_tracker = in_tool @ seen[:, :3, :3].swapaxes(1, 2)
-    lengths = (np.linalg.norm(one, axis=2) for one in (in_tool, _alike(in_tool), _alike(in_tracker)))
-    return np.asarray(np.all([one > SLIP_SDS * _usual(one) for one in lengths], axis=0).any(axis=1))
+    of_each = [scatter.far_off((in_tool[:, n], in_tracker[:, n]), least) for n, least in enumerate(FINEST)]
+    return np.asarray(np.any(of_each, axis=0))
 
 
 def which_are_far(frames: Sequence[int], far: Sequence[int]) -> tuple[str, str]:
@@ -100,35 +97,18 @@ def _left(seen: FloatArray, driven: FloatArray) -> FloatArray:
     for _ in range(ROUNDS):
         error: FloatArray = discrepancies(seen, driven, *closed_form(seen, driven, weight)).reshape(-1, 2, 3)
         lengths = np.asarray(np.linalg.norm(error, axis=2))
+        usual = [scatter.usual(one, least) for one, least in zip(lengths.T, FINEST, strict=True)]
         # a length below the usual one counts as that: least squares among those that are right
-        before, weight = weight, 1 / np.maximum((lengths / _usual(lengths)).max(axis=1), 1.0)
+        before, weight = weight, 1 / np.maximum((lengths / usual).max(axis=1), 1.0)
         if np.abs(weight - before).max() < SETTLED:
             break
     return error
-
-
-def _alike(error: FloatArray) -> FloatArray:
-    """Return turns and shifts (N, 2, 3) each in axes, and units, in which they are alike in all directions.
-
-    That is told by their directions alone (Tyler 1987, Ann. Stat. 15:234), which hold however far a few are off.
-    """
-    shape = np.tile(np.eye(3), (2, 1, 1))
-    for _ in range(SHAPE_ROUNDS):
-        squares = np.einsum("nki,kij,nkj->nk", error, np.linalg.inv(shape), error)
-        directions = error / np.sqrt(np.maximum(squares, np.finfo(float).tiny))[..., None]
-        shape = np.array([of_volume_one(one) for one in np.einsum("nki,nkj->kij", directions, directions)])
-    return np.asarray(np.einsum("kij,nkj->nki", np.linalg.inv(np.linalg.cholesky(shape)), error))
 
 
 def _angle_left(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> float:
     """Return the angle, in rad RMS, that R from OTS ``left`` and M from TCP ``right`` leave between poses."""
     error = discrepancies(seen, driven, left, right)
     return float(np.sqrt((error[:, :3] ** 2).sum(axis=1).mean()))
-
-
-def _usual(lengths: FloatArray) -> FloatArray:
-    """Return the robust standard deviations (2,) per axis of angles and lengths (N, 2)."""
-    return np.asarray(np.maximum(np.median(lengths, axis=0) / MAXWELL_MEDIAN, FINEST))
 
 
 def _nearest_rotation(matrix: FloatArray) -> FloatArray:

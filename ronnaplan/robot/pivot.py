@@ -18,14 +18,11 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import as_poses, as_stack, cross_matrix, first_told
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
 from ronnaplan.robot.misread import as_meant
+from ronnaplan.robot.scatter import far_off, too_long, usual
 from ronnaplan.text import counted, successive
 
 FEWEST_FOR_SCATTER = 10
 """Of fewer the scatter is not known, however often each is repeated."""
-SLIP_SDS = 6.0
-"""A pose whose residual is longer than this many robust standard deviations (per axis) has slipped."""
-MAXWELL_MEDIAN = 1.5382
-"""Median length of a 3D normal vector of unit standard deviation per axis."""
 SMALLEST_TURN_DEG = 10.0
 """The tool's axes must spread by this much over the poses, or the tip is not determined."""
 LARGEST_RMS_MM = 10.0
@@ -109,7 +106,7 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
     design, shift = _equations(matrices)
     rotation, still = design[..., :3], design[..., 3:]
     kept, steady = _without_slips(design, shift)
-    sd_mm = max(float(np.median(np.linalg.norm(design @ steady - shift, axis=1))) / MAXWELL_MEDIAN, SOFTENING_MM)
+    sd_mm = usual(np.linalg.norm(design @ steady - shift, axis=1), SOFTENING_MM)
     levers = cross_matrix(rotation @ (steady[:3] / max(float(np.linalg.norm(steady[:3])), SOFTENING_MM)))
     time = np.linspace(-1, 1, len(matrices))[:, None, None]
     design = np.concatenate([design / sd_mm, time * still, time * levers, time * rotation], axis=2)
@@ -125,7 +122,7 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
         covariance[3:6, 3:6],
         length[which],
         ~kept[which] & ~repeated,
-        float(np.median(length) / MAXWELL_MEDIAN),
+        usual(length, 0.0),
         repeated,
     )
     _require_tip(found, matrices)
@@ -191,13 +188,15 @@ def _without_slips(
     """Return which poses (N,) did not slip, and the tip and the pivot (6,) that they tell."""
     kept = np.ones(len(design), dtype=bool)
     solution = _least_lengths(design, shift)
-    for _ in range(MAXIMUM_ITERATIONS):
-        length = np.linalg.norm(design @ solution - shift, axis=1)
-        closer = length <= SLIP_SDS * max(float(np.median(length)) / MAXWELL_MEDIAN, SOFTENING_MM)
-        if (closer == kept).all():
-            break
-        kept = closer
-        solution = _least_lengths(design[kept], shift[kept])
+    for far in (too_long, far_off):  # many slips one way would be taken for the shape of the others
+        for _ in range(MAXIMUM_ITERATIONS):
+            in_tracker = design @ solution - shift
+            in_tool = (in_tracker[:, None] @ design[..., :3])[:, 0]
+            closer = ~far((in_tracker, in_tool), SOFTENING_MM)
+            if (closer == kept).all():
+                break
+            kept = closer
+            solution = _least_lengths(design[kept], shift[kept])
     return kept, solution
 
 

@@ -66,6 +66,15 @@ def test_slips_are_named_and_do_not_pull_the_tip() -> None:
     assert found.residuals_mm[slips].min() > 6
 
 
+def test_a_tracker_that_errs_most_in_depth_slips_nowhere_and_hides_no_slip_across() -> None:
+    """Six deviations of all axes are fewer than three of the depth's, and 20 of the others'."""
+    poses = recording(6, 120, 0.15)
+    poses[:, 2, 3] += 0.9 * np.random.default_rng(7).normal(size=120)
+    assert not calibrate_pivot(poses).slipped.any()
+    poses[30:36, 0, 3] += 2.4
+    np.testing.assert_array_equal(np.flatnonzero(calibrate_pivot(poses).slipped), np.arange(30, 36))
+
+
 def noisy(kind: str, rng: np.random.Generator, count: int) -> np.ndarray:
     """Noise (count, 3) of about 0.3 mm: without memory, as a filter leaves it, or drifting over the recording."""
     white = 0.3 * rng.normal(size=(count, 3))
