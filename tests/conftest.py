@@ -14,7 +14,17 @@ from tests import isolation, shared
 settings.register_profile("the same each time", derandomize=True, deadline=None)
 settings.load_profile("the same each time")
 
-LONG = ("browser", "test_readme", "test_kernelcache", "test_start_page")
+LONG = (
+    *("test_orientation", "test_by_pose", "test_hand_eye_step", "test_readme", "test_prepare", "test_placement"),
+    *(
+        "browser",
+        "test_robot_tutorial",
+        "test_robot_place",
+        "test_portrait",
+        "test_kernelcache",
+        "test_start_page",
+    ),
+)
 """Parts of the names of files that take longest."""
 
 WAITING = ("/planner/test_browser", "/node/", "/cohort/")

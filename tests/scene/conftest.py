@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import nullcontext
 
 import pytest
 
@@ -14,3 +15,10 @@ def workshop() -> Iterator[Workshop]:
     """Return a process for VTK's tasks."""
     with Workshop() as begun:
         yield begun
+
+
+@pytest.fixture
+def shared_workshop(workshop: Workshop, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have pictures of a head drawn by the file's process instead of one begun for each."""
+    for module in ("portrait", "results"):
+        monkeypatch.setattr(f"ronnaplan.scene.{module}.Workshop", lambda: nullcontext(workshop))

@@ -41,6 +41,7 @@ def test_a_marker_is_drawn_where_the_camera_says_it_is_by_both_hands(workshop: W
     assert lit[0] > 3 * lit[1]  # red stays red
 
 
+@pytest.mark.usefixtures("shared_workshop")
 def test_a_head_is_seen_from_where_its_marker_is_seen_and_without_a_graphics_library(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -72,6 +73,7 @@ def test_all_that_is_shown_lies_in_the_picture() -> None:
     assert camera.upright_deg((300, 200)) > VIEW_DEG == pytest.approx(camera.upright_deg((200, 300)))
 
 
+@pytest.mark.usefixtures("shared_workshop")
 def test_an_empty_scan_can_be_drawn() -> None:
     empty = scan(balls([(300.0, 0.0, 0.0)]), small_stack())
     assert head_picture(empty, np.empty((0, 3)), 11.5, SHAPE).shades.max() == 0

@@ -53,7 +53,7 @@ def names_in_3d(picture: Picture) -> dict[str, Shades]:
     return found
 
 
-@pytest.mark.usefixtures("filled_in")
+@pytest.mark.usefixtures("shared_workshop", "filled_in")
 def test_markers_and_their_ellipsoids_are_shown_on_their_head_in_3d(volume: CTVolume, found: Fiducials) -> None:
     picture = found.plot(volume)
     assert len(picture.axes) == 4
@@ -69,7 +69,7 @@ def test_markers_and_their_ellipsoids_are_shown_on_their_head_in_3d(volume: CTVo
     assert 0.0005 < (blue > red + 20).mean() < 0.02  # ellipsoids
 
 
-@pytest.mark.usefixtures("filled_in")
+@pytest.mark.usefixtures("shared_workshop", "filled_in")
 def test_trajectories_are_seen_through_their_head(volume: CTVolume) -> None:
     entry_mm, target_mm = np.array([35.0, -25.0, 78.0]), np.array([15.0, 5.0, 10.0])
     plan = Plan.of_scan(volume)
@@ -87,6 +87,7 @@ def test_trajectories_are_seen_through_their_head(volume: CTVolume) -> None:
     assert len(Plan.of_scan(other).plot(other).axes) == 4  # nothing is in it
 
 
+@pytest.mark.usefixtures("shared_workshop")
 def test_where_the_head_cannot_be_drawn_there_are_the_three_sides(
     volume: CTVolume, found: Fiducials, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
