@@ -16,14 +16,8 @@ settings.load_profile("the same each time")
 
 LONG = (
     *("test_orientation", "test_by_pose", "test_hand_eye_step", "test_readme", "test_prepare", "test_placement"),
-    *(
-        "browser",
-        "test_robot_tutorial",
-        "test_robot_place",
-        "test_portrait",
-        "test_kernelcache",
-        "test_start_page",
-    ),
+    *("browser", "test_robot_tutorial", "test_robot_place", "test_portrait"),
+    *("test_kernelcache", "test_start_page"),
 )
 """Parts of the names of files that take longest."""
 

@@ -54,7 +54,7 @@ def test_another_scan_is_another_series_in_another_frame_of_reference(tmp_path: 
 
 def test_the_full_scanner_follows_its_options(tmp_path: Path) -> None:
     options = ("--kernel", "bone", "--dose", "0.3", "--seed", "9", "--tilt", "10", "--transfer-syntax", "rle")
-    assert run("random-patient", "-o", str(tmp_path / "ct"), *SMALL, *options) == 0
+    assert run("random-patient", "-o", str(tmp_path / "ct"), *SMALL, "--from", "62", *options) == 0
     truth = json.loads((tmp_path / "ct" / "truth.json").read_text())
     assert truth["scene"] == "random patient 9"
     assert (truth["scan"]["kernel"], truth["scan"]["dose"], truth["scan"]["tilt_deg"]) == ("bone", 0.3, 10.0)
