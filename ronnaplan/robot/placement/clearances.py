@@ -74,7 +74,7 @@ def clearance(
 ) -> float:
     """Return the least distance (mm) that counts; below ``need`` the search ends and ``pair`` (2,) names the two.
 
-    The instrument is kept from everything but the head.
+    The instrument is kept from everything but the head and the links that carry it.
     """
     count = len(machine.links)
     least = np.inf
@@ -89,12 +89,12 @@ def clearance(
             near = to_head(world, bodies[k], least)
             if near < least:
                 least, pair[0], pair[1] = near, k, HEAD
-            for j in range(k):
-                if machine.kept[k, j] == FREE:
-                    continue
-                near = segment_segment(bodies[k], bodies[j]) - bodies[k, 6] - bodies[j, 6]
-                if near < least and (near < 0.0 or machine.kept[k, j] != APART):
-                    least, pair[0], pair[1] = near, k, j
+        for j in range(k):
+            if machine.kept[k, j] == FREE:
+                continue
+            near = segment_segment(bodies[k], bodies[j]) - bodies[k, 6] - bodies[j, 6]
+            if near < least and (near < 0.0 or machine.kept[k, j] != APART):
+                least, pair[0], pair[1] = near, k, j
         if least < need:
             break
     return least
@@ -130,12 +130,19 @@ def seen(machine: Machine, world: World, trolley: FloatArray, frame: FloatArray,
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _is_crossed(machine: Machine, world: World, trolley: FloatArray, line: FloatArray, bodies: FloatArray) -> bool:
-    """Whether anything but tool and wrist stands in a line of sight (7,)."""
+    """Whether anything stands in a line of sight (7,) from the tool's marker.
+
+    Tool and wrist are always near it: they are kept out of the line alone, not out of what is free about it, and
+    such as are drawn around the marker itself do not count.
+    """
     if to_things(world, line, trolley) < 0.0 or to_head(world, line, 0.0) < 0.0:
         return True
-    for k in range(machine.tool_from):
-        apart = segment_segment(line, bodies[k]) - line[6] - bodies[k, 6]
-        if machine.links[k] < len(machine.axes) - 1 and apart < 0.0:
+    for k in range(len(machine.links)):
+        apart = segment_segment(line, bodies[k]) - bodies[k, 6]
+        if machine.links[k] < len(machine.axes) - 1:
+            if apart < line[6]:
+                return True
+        elif apart < 0.0 <= segment_point(bodies[k], line) - bodies[k, 6]:
             return True
     return False
 

@@ -45,7 +45,7 @@ class Machine(NamedTuple):
     tool_from: int
     """Bodies from this one on belong to the tool."""
     kept: NDArray[np.int8]
-    """How each body is kept from those before it (K, K)."""
+    """How each body, and the instrument as the last one, is kept from those before it (K + 1, K)."""
     trolley: FloatArray
     """Boxes (V, 8) in the base's frame."""
     marker: FloatArray
@@ -60,6 +60,7 @@ def machine_of(arm: SerialArm, room: Room) -> Machine:
     wrist = wrist_of(arm)
     _require_posture(arm, room.reference_deg)
     links, bodies, tool_from = bodies_of(arm, room)
+    carriers = np.append(links, len(arm))  # the instrument goes with the last link
     marker = np.zeros((2, 3))
     if room.tool.marker is not None:
         marker[0] = arm.flange[:3, :3] @ np.array(room.tool.marker.at_mm) + arm.flange[:3, 3]
@@ -71,11 +72,11 @@ def machine_of(arm: SerialArm, room: Room) -> Machine:
         links,
         bodies,
         tool_from,
-        np.where(links[:, None] - links >= CLEAR_LINKS, CLEAR, FREE).astype(np.int8),
+        np.where(carriers[:, None] - links >= CLEAR_LINKS, CLEAR, FREE).astype(np.int8),
         box_rows(room.floor.trolley),
         marker,
     )
-    tool = slice(tool_from, None), slice(tool_from)
+    tool = slice(tool_from, len(links)), slice(tool_from)
     low, high = wrist.limits.T
     postures = np.random.default_rng(0).uniform(low, high, (SAMPLED, len(low)))
     parted = tool_distances(machine, postures).max(axis=0) >= PARTED_MM

@@ -27,7 +27,7 @@ def what_comes_near(
 
     Those that are near in every posture are left out: so they are drawn. Bodies have ``names`` (K,).
     """
-    least = np.where(machine.kept[machine.tool_from :, : machine.tool_from] == APART, least_mm, -np.inf)
+    least = np.where(machine.kept[machine.tool_from : -1, : machine.tool_from] == APART, least_mm, -np.inf)
     where = np.full(least.shape, -1)
     for number, (_, postures_deg) in enumerate(ways):
         here = nearest_mm(machine, postures_deg)

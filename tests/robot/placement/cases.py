@@ -24,7 +24,7 @@ def room(**changes: object) -> Room:
             Capsule("holder", (0.0, 0.0, 20.0), (0.0, 0.0, 95.0), 25.0),
             Capsule("cameras", (0.0, -70.0, 20.0), (0.0, 70.0, 20.0), 35.0),
         ),
-        marker=ToolMarker((0.0, 90.0, 60.0), (0.0, 1.0, -1.0), 75.0),
+        marker=ToolMarker((0.0, 110.0, 10.0), (0.0, 1.0, -1.0), 75.0),
     )
     given: dict[str, object] = {
         "head": HeadPose((0.0, 0.0, 1050.0), (0.0, 0.0, 1.0), (-1.0, 0.0, 0.0)),

@@ -11,10 +11,17 @@ from ronnaplan.robot.placement import tasks
 from ronnaplan.robot.placement.judging import judge_base
 from ronnaplan.robot.placement.parking import probability
 from ronnaplan.robot.placement.placement import COARSE, FINE
-from ronnaplan.robot.placement.room import Box, Capsule
+from ronnaplan.robot.placement.room import Box, Capsule, ToolMarker
 from ronnaplan.robot.placement.search import base_pose, serves, worths
 from ronnaplan.robot.placement.tasks import view_task
 from tests.robot.placement.cases import CENTER_MM, job, room
+
+NO_CAMERAS = replace(
+    room().tool,
+    bodies=room().tool.bodies[:1],
+    marker=ToolMarker((0.0, 90.0, 60.0), (0.0, 1.0, -1.0), 75.0),
+)
+"""A tool that hides nothing of its marker."""
 
 
 @pytest.mark.parametrize("seed", [1, 3])
@@ -52,6 +59,7 @@ def test_the_probability_that_is_told_is_no_less_for_want_of_sides_to_view_from(
         1,
         1,
         0,
+        tool=NO_CAMERAS,
         boxes=(*room().boxes, Box("screen", (198.0, 0.0, 1300.0), (20.0, 900.0, 400.0))),
         capsules=(*room().capsules, Capsule("pole", (-78.0, 409.0, 900.0), (-78.0, 409.0, 1700.0), 25.0)),
     )
@@ -69,7 +77,7 @@ def test_the_probability_that_is_told_is_no_less_for_want_of_sides_to_view_from(
 
 
 def test_who_looks_closely_at_a_base_tries_the_rolls_by_which_the_search_found_it() -> None:
-    given, place = job(5022, 16, 8), np.array([[-812.0, -92.0, 917.0, 49.0]])
+    given, place = job(5022, 16, 8, tool=NO_CAMERAS), np.array([[-812.0, -92.0, 917.0, 49.0]])
     (found,) = worths(given.problem(COARSE), place)
     assert found > 15.0
     assert worths(given.problem(replace(COARSE, rolls=FINE.rolls)), place) >= found

@@ -131,7 +131,7 @@ def test_no_place_that_is_found_has_the_tool_overlap_the_wrist(seed: int) -> Non
     given = job(seed, 1, 0, floor=WIDE)
     machine, places = machine_of(given.arm, given.room), find_places(given).places
     assert places
-    kept = machine.kept[machine.tool_from :, : machine.tool_from] != FREE
+    kept = machine.kept[machine.tool_from : -1, : machine.tool_from] != FREE
     for place in places:
         ways = [one.angles_deg for one in place.served]
         ways += [np.array([a, b]) for (_, a), (_, b) in itertools.pairwise(place.route.corners)]
