@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from ronnaplan.documents.fiducials import FiducialsDocument, Source, read_fiducials
 from ronnaplan.documents.fiducials_csv import csv_table
@@ -27,7 +27,7 @@ ENDINGS = {"itk": (".tfm", ".txt"), "markups": MARKUPS_ENDINGS, "csv": TABLE_END
 """What files must be called where the program that reads them goes by the name: ITK takes a `.h5` for HDF5, Slicer a
 `.fcsv` for its own points, of which a header says whether they are LPS or RAS."""
 
-Exportable = FiducialsDocument | RegistrationDocument
+Exportable: TypeAlias = FiducialsDocument | RegistrationDocument
 
 
 def export(
