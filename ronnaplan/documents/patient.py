@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from pydicom import dcmread
 from pydicom.dataset import Dataset
+from pydicom.multival import MultiValue
 
 from ronnaplan.ct import Series, find_series
 from ronnaplan.ct.header import DEFLATED_LITTLE
@@ -42,6 +43,10 @@ in another character set than it states."""
 _TOO_LONG = "The (value|PN component) length .* exceeds the maximum"
 """What pydicom warns of where a text is longer than the standard lets it be, as many hospitals' accession numbers are:
 it is copied, as it is by this that an archive tells the study."""
+
+
+_MISSPELT = "Incorrect value for Specific Character Set .* assuming"
+"""What it warns of where ``ISO_IR 100`` is written ``ISO IR 100``, which leaves no doubt."""
 
 
 class _Modules(NamedTuple):
@@ -118,7 +123,7 @@ def _modules(instance: Instance) -> _Modules:
     copied, unknown = Dataset(), {}
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # pydicom warns of values that are none, and keeps them
-        warnings.filterwarnings("ignore", _TOO_LONG)
+        warnings.filterwarnings("ignore", f"{_TOO_LONG}|{_MISSPELT}")
         try:
             given = dcmread(
                 io.BytesIO(content), force=True, stop_before_pixels=True, specific_tags=[*PATIENT, *STUDY]
@@ -130,13 +135,18 @@ def _modules(instance: Instance) -> _Modules:
             try:
                 if raw is not None:
                     value = given.get(keyword)
-                    setattr(copied, keyword, None if value is None else str(value))
+                    setattr(copied, keyword, None if value is None else _as_it_stands(value))
             except Exception as error:
                 if keyword not in MAY_BE_UNKNOWN:
                     raise _no_copy(instance, keyword, error) from error
                 setattr(copied, keyword, None)
                 unknown[keyword] = raw.value
     return _Modules(copied, unknown)
+
+
+def _as_it_stands(value: object) -> str:
+    """Return a text as it is written: one with a backslash is several to pydicom."""
+    return "\\".join(map(str, value)) if isinstance(value, MultiValue) else str(value)
 
 
 def _no_copy(instance: Instance, what: str, error: Exception) -> InputError:

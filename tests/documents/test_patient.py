@@ -168,6 +168,21 @@ def test_a_name_that_is_none_is_not_copied_and_stands_in_no_message(tmp_path: Pa
     assert "Doe" not in str(refused.value)
 
 
+def test_a_misspelt_character_set_and_a_backslash_are_copied_as_they_stand(tmp_path: Path) -> None:
+    """``ISO IR 100`` kept all answers back, and ``a\\b`` was copied as ['a', 'b']."""
+
+    def change(made: Dataset, k: int) -> None:
+        identify(made, k)
+        made.StudyDescription, made.ReferringPhysicianName = ["Kopf", "Hals"], ["A", "B"]
+
+    ct = makers.write_series(tmp_path / "ct", change=change)
+    for path in ct.iterdir():
+        path.write_bytes(path.read_bytes().replace(b"ISO_IR 100", b"ISO IR 100"))
+    made = exported(document(tmp_path, "fiducials"), ct)
+    assert (made.PatientName, made.StudyDescription) == ("Müller^Jörg", ["Kopf", "Hals"])
+    assert made.ReferringPhysicianName == ["A", "B"]
+
+
 def test_words_in_another_character_set_than_is_stated_keep_no_object_back(tmp_path: Path) -> None:
     """A node found six markers and answered nothing, for one letter of the study's description."""
 
