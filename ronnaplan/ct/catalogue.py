@@ -106,7 +106,7 @@ class Catalogue:
         Fewer are those that a scanner watches for contrast to come, and the like.
         """
         refused = (one for one in self.series if not one.is_usable and why_not_scan(one.first, CT_ONLY) is None)
-        return any(2 * one.image_count >= chosen.image_count for one in refused)
+        return any(2 * _declared_images(one) >= chosen.image_count for one in refused)
 
     def choose(self, series_uid: str | None = None) -> Series:
         """Return the wanted series, or the only usable one; raises `InputError` that lists the choice."""
@@ -285,6 +285,12 @@ def _lacks_a_file(instances: list[Instance]) -> bool:
             numbers[one.concatenation].add(one.file_number)
             counts[one.concatenation] = max(counts[one.concatenation], one.file_number, one.file_count)
     return any(len(numbers[image]) < count for image, count in counts.items())
+
+
+def _declared_images(series: Series) -> int:
+    """Return how many images a series has, or would have if its files were not damaged."""
+    pixels = series.first.pixels if series.stack is None else None
+    return series.image_count * (1 if pixels is None else pixels.frames)
 
 
 def _problem(stack: Stack) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from ronnaplan.ct.files import DamagedError, Skipped
 from ronnaplan.ct.limits import Limits
 from ronnaplan.ct.summary import summarize
 from ronnaplan.errors import InputError
-from tests.ct.makers import SERIES, write_series
+from tests.ct.makers import SERIES, enhanced, save, write_series
 
 DICOMDIR = Path(pydicom.data.__file__).parent / "test_files" / "dicomdirtests" / "DICOMDIR"
 
@@ -48,6 +48,15 @@ def test_a_scan_that_was_taken_since_another_cannot_be_used_is_flagged(tmp_path:
     assert read_ct(tmp_path, SERIES).flags == ()  # it was asked for
     (tmp_path / "other006").unlink()  # as few as are made to watch contrast come
     assert read_ct(tmp_path).flags == ()
+
+
+def test_a_damaged_file_of_many_frames_counts_as_many_slices(tmp_path: Path) -> None:
+    """It was one file, of which nothing was said beside a scan of twelve."""
+    made = enhanced(12)
+    made.SeriesInstanceUID = "1.2.9"
+    save(made, tmp_path / "multi")
+    (tmp_path / "multi").write_bytes((tmp_path / "multi").read_bytes()[:-100])
+    assert read_ct(write_series(tmp_path, 12)).flags == (VolumeFlag.ONLY_USABLE,)
 
 
 def test_an_empty_file_with_the_name_of_an_image_is_flagged(tmp_path: Path) -> None:
