@@ -6,7 +6,8 @@ Apart from what arranges them into frames: the node's receiver asks for no more,
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import islice
 from typing import Final
 
 from ronnaplan.ct import tags
@@ -22,23 +23,35 @@ Run = tuple[int, int]
 """Where some bytes are in a file, and how many."""
 
 
+class CutOffError(DamagedError):
+    """The compressed pixels end amid an item."""
+
+    def __init__(self) -> None:
+        super().__init__("it ends within its compressed pixels")
+
+
 def require_whole(blob: Blob, header: Header) -> None:
-    """Raise `DamagedError` where the pixels end before they should: it is a part of a file."""
+    """Raise `DamagedError` where the pixels end before they should: it is a part of a file.
+
+    Of whole ones nothing else is asked: it may be a picture that nobody here reads.
+    """
     if header.pixels_missing:
         raise DamagedError(f"{header.pixels_missing} bytes of its pixels are missing")
     if header.pixel_tag is not None and header.pixel_length is None:
-        items(blob.read, header.pixel_offset, blob.size)
+        try:
+            for _ in _runs(blob.read, header.pixel_offset, blob.size):
+                pass
+        except CutOffError:
+            raise
+        except DamagedError:
+            pass
 
 
 def items(read: Read, position: int, size: int) -> tuple[tuple[int, ...], list[Run]]:
     """Return the offset table and all fragments of the encapsulated value at ``position``."""
-    fragments: list[Run] = []
-    while (length := _item_length(read, position)) is not None:
-        start = position + ITEM_HEADER.size
-        position = start + length
-        if position > size or len(fragments) > MOST_FRAGMENTS:
-            raise DamagedError("it ends within its compressed pixels")
-        fragments.append((start, length))
+    fragments = list(islice(_runs(read, position, size), MOST_FRAGMENTS + 2))
+    if len(fragments) > MOST_FRAGMENTS + 1:
+        raise DamagedError(f"its compressed pixels lie in more than {MOST_FRAGMENTS} fragments")
     if len(fragments) < 2:
         raise DamagedError("its compressed pixels are empty")
     start, length = fragments.pop(0)
@@ -46,12 +59,23 @@ def items(read: Read, position: int, size: int) -> tuple[tuple[int, ...], list[R
     return struct.unpack(f"<{len(content) // 4}L", content[: len(content) // 4 * 4]), fragments
 
 
+def _runs(read: Read, position: int, size: int) -> Iterator[Run]:
+    while (length := _item_length(read, position)) is not None:
+        start = position + ITEM_HEADER.size
+        position = start + length
+        if position > size:
+            raise CutOffError
+        yield start, length
+
+
 def _item_length(read: Read, position: int) -> int | None:
     """Return the length of the item at ``position``, None at the end (which some writers leave out)."""
     header = read(position, ITEM_HEADER.size)
     if not header:
         return None
-    group, element, length = ITEM_HEADER.unpack(header) if len(header) == ITEM_HEADER.size else (0, 0, 0)
+    if len(header) < ITEM_HEADER.size:
+        raise CutOffError
+    group, element, length = ITEM_HEADER.unpack(header)
     tag = group << 16 | element
     if tag == tags.SEQUENCE_DELIMITATION_ITEM:
         return None

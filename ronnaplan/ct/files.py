@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -134,6 +135,14 @@ class Skipped:
     reason: str
     is_trouble: bool
     path: str = ""
+
+
+def inflate(content: bytes, most: int) -> bytes:
+    """Return up to ``most`` inflated bytes of a deflated data set; raises `DamagedError`."""
+    try:
+        return zlib.decompressobj(-zlib.MAX_WBITS).decompress(content, most)
+    except zlib.error as error:
+        raise DamagedError("its deflated data cannot be unpacked") from error
 
 
 def given_path(path: str | os.PathLike[str]) -> Path:

@@ -23,7 +23,6 @@ from ronnaplan.ct.header import (
     EXPLICIT_LITTLE,
     IMPLICIT_LITTLE,
     Elements,
-    element_name,
 )
 from ronnaplan.ct.limits import DEFAULT_LIMITS, LARGE_DEFLATED
 from ronnaplan.ct.slices import MULTI_FRAME_CLASSES, Instance, PixelFormat, SliceImage
@@ -151,11 +150,11 @@ def _flatten(groups: list[Elements]) -> Elements:
                 items = _shared_by(items)
             if len(items) > 1:
                 raise DamagedError(
-                    f"its functional group {element_name(tag)} has {len(items)} items, expected one"
+                    f"its functional group {tags.element_name(tag)} has {len(items)} items, expected one"
                 )
             for inner, raw in [pair for item in items for pair in item.items()]:
                 if not isinstance(raw, list) and flat.setdefault(inner, raw) != raw:
-                    raise DamagedError(f"a frame gives element {element_name(inner)} twice, with two values")
+                    raise DamagedError(f"a frame gives element {tags.element_name(inner)} twice, with two values")
     return flat
 
 

@@ -8,12 +8,12 @@ and keeps only what `tags` names. It is bounded: it never looks past the end of 
 from __future__ import annotations
 
 import struct
-import zlib
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Final
 
 from ronnaplan.ct import tags
-from ronnaplan.ct.files import Blob, DamagedError, NotDicomError
+from ronnaplan.ct.files import Blob, DamagedError, NotDicomError, inflate
 from ronnaplan.ct.limits import LARGE_DEFLATED, Limits
 from ronnaplan.text import printable
 
@@ -67,9 +67,10 @@ def read_header(blob: Blob, limits: Limits) -> Header:
         try:
             header = _parse(buffer, blob.size, limits)
         except _MoreNeededError:
-            if count >= min(blob.size, limits.header_bytes):
-                reason = "it ends too early" if count >= blob.size else "its header is too long"
-                raise DamagedError(reason) from None
+            if count >= blob.size:
+                raise DamagedError("it ends too early") from None
+            if count >= limits.header_bytes:
+                return _of_no_image(buffer, blob.size, limits)
             count = min(count * 8, blob.size, limits.header_bytes)
             continue
         if header.pixel_length is not None and header.transfer_syntax != DEFLATED_LITTLE:
@@ -95,14 +96,6 @@ def refuse_more(
         raise DamagedError("too much follows its pixels") from None
 
 
-def inflate(content: bytes, most: int) -> bytes:
-    """Return up to ``most`` inflated bytes of a deflated data set; raises `DamagedError`."""
-    try:
-        return zlib.decompressobj(-zlib.MAX_WBITS).decompress(content, most)
-    except zlib.error as error:
-        raise DamagedError("its deflated data cannot be unpacked") from error
-
-
 def deflated_part(blob: Blob, limits: Limits) -> bytes:
     """Return what follows the meta information of a deflated file."""
     content = blob.read(0, blob.size)
@@ -110,7 +103,16 @@ def deflated_part(blob: Blob, limits: Limits) -> bytes:
     return content[scanner.meta(_META_START)[1] :]
 
 
-def _parse(buffer: bytes, size: int, limits: Limits) -> Header:
+def _of_no_image(buffer: bytes, size: int, limits: Limits) -> Header:
+    """Return who a document, a surface or a set of contours is, whose content is its header; an image is refused."""
+    with suppress(_MoreNeededError):
+        header = _parse(buffer, size, limits, last=tags.LAST_OF_IMAGE)
+        if tags.ROWS not in header.elements:
+            return header
+    raise DamagedError("its header is too long")
+
+
+def _parse(buffer: bytes, size: int, limits: Limits, last: int = tags.ITEM) -> Header:
     if buffer[_PREAMBLE_BYTES:_META_START] == b"DICM":
         start = _META_START
     elif _looks_like_bare_dataset(buffer):
@@ -127,7 +129,7 @@ def _parse(buffer: bytes, size: int, limits: Limits) -> Header:
     big = syntax == EXPLICIT_BIG
     explicit = buffer[start + 4 : start + 6].isalpha() and buffer[start + 4 : start + 6].isupper()
     scanner = _Scanner(buffer, size, limits, big=big)
-    elements, _ = scanner.dataset(start, size, explicit, depth=0)
+    elements, _ = scanner.dataset(start, size, explicit, depth=0, last=last)
     if syntax == DEFLATED_LITTLE and scanner.pixel_tag is None and size == limits.header_bytes:
         raise DamagedError("its header is too long")
     syntax = syntax or (EXPLICIT_LITTLE if explicit else IMPLICIT_LITTLE)
@@ -180,13 +182,15 @@ class _Scanner:
         self._require(min(position + _SHORT_HEAD_BYTES, self.size))
         return elements, position
 
-    def dataset(self, position: int, end: int, explicit: bool, depth: int) -> tuple[Elements, int]:
-        """Read elements from ``position`` to ``end`` or to an item's delimiter; return them and where it ended."""
+    def dataset(
+        self, position: int, end: int, explicit: bool, depth: int, last: int = tags.ITEM
+    ) -> tuple[Elements, int]:
+        """Read elements from ``position`` to ``end``, ``last`` or an item's delimiter; return them and their end."""
         elements: Elements = {}
         buffer = self.buffer
         while position + _SHORT_HEAD_BYTES <= end:
             tag, form, length, value = self._element(position, explicit)
-            if tag == tags.ITEM_DELIMITATION_ITEM:
+            if tag == tags.ITEM_DELIMITATION_ITEM or tag > last:
                 return elements, value
             if depth == 0 and tag in tags.PIXELS:
                 self._note_pixels(tag, form, value, length)
@@ -198,7 +202,7 @@ class _Scanner:
                 continue
             position = value + length
             if position > end:
-                raise DamagedError(f"element {element_name(tag)} is longer than what is left of the file")
+                raise DamagedError(f"element {tags.element_name(tag)} is longer than what is left of the file")
             if tag in tags.VALUES:
                 self._require(position)
                 _keep(elements, tag, buffer[value:position])
@@ -213,7 +217,7 @@ class _Scanner:
             tag, form, length, value = self._element(position, explicit)
             if tag <= last:
                 raise DamagedError(
-                    f"element {element_name(tag)} follows element {element_name(last)}, out of order"
+                    f"element {tags.element_name(tag)} follows element {tags.element_name(last)}, out of order"
                 )
             if length == _UNDEFINED:
                 position = self._undefined(tag, form, value, self.size, explicit, depth=0)[1]
@@ -238,7 +242,7 @@ class _Scanner:
             self._require(position + _LONG_HEAD_BYTES)
             return tag, form, self.long_length(self.buffer, position + 8)[0], position + _LONG_HEAD_BYTES
         if not (form.isalpha() and form.isupper()):
-            raise DamagedError(f"element {element_name(tag)} has no valid value representation")
+            raise DamagedError(f"element {tags.element_name(tag)} has no valid value representation")
         return tag, form, length, position + _SHORT_HEAD_BYTES
 
     def _undefined(
@@ -248,7 +252,7 @@ class _Scanner:
         if form in (b"OB", b"OW"):
             return [], self._skip_fragments(value)
         if form not in (b"SQ", b"UN", b""):
-            raise DamagedError(f"element {element_name(tag)} has no defined length")
+            raise DamagedError(f"element {tags.element_name(tag)} has no defined length")
         return self._items(value, end, explicit and form != b"UN", depth + 1)
 
     def _items(self, position: int, end: int, explicit: bool, depth: int) -> tuple[list[Elements], int]:
@@ -261,7 +265,7 @@ class _Scanner:
             if tag == tags.SEQUENCE_DELIMITATION_ITEM:
                 return items, value
             if tag != tags.ITEM:
-                raise DamagedError(f"a sequence holds element {element_name(tag)} where an item should start")
+                raise DamagedError(f"a sequence holds element {tags.element_name(tag)} where an item should start")
             stop = end if length == _UNDEFINED else value + length
             if stop > end:
                 raise DamagedError("a sequence item is longer than its sequence")
@@ -292,9 +296,4 @@ class _Scanner:
 
 def _keep(elements: Elements, tag: int, value: Any) -> None:
     if elements.setdefault(tag, value) != value:
-        raise DamagedError(f"it gives element {element_name(tag)} twice, with two values")
-
-
-def element_name(tag: int) -> str:
-    """Return how a message calls an element."""
-    return f"({tag >> 16:04X},{tag & 0xFFFF:04X})"
+        raise DamagedError(f"it gives element {tags.element_name(tag)} twice, with two values")

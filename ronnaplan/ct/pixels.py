@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from ronnaplan.bounds import LARGEST_HU
 from ronnaplan.ct import tags
 from ronnaplan.ct.codecs import decode
-from ronnaplan.ct.header import DEFLATED_LITTLE, deflated_part, inflate
+from ronnaplan.ct.files import inflate
+from ronnaplan.ct.header import DEFLATED_LITTLE, deflated_part
 from ronnaplan.ct.limits import Limits, are_hu
 from ronnaplan.ct.slices import FLOAT_BYTES, PixelFormat, SliceImage, Stored
 from ronnaplan.ct.volume import Voxels

@@ -10,7 +10,7 @@ from typing import Final
 
 from ronnaplan.ct import tags
 from ronnaplan.ct.files import DamagedError
-from ronnaplan.ct.header import Elements, element_name
+from ronnaplan.ct.header import Elements
 from ronnaplan.text import printable
 
 Vector = tuple[float, ...]
@@ -81,7 +81,7 @@ def numbers(elements: Elements, tag: int) -> Vector | None:
         values = (math.nan,)
     if not all(map(math.isfinite, values)) or stripped.translate(None, _DECIMAL_STRINGS):
         shown = printable(stripped[:60].decode("ascii", "replace"))
-        raise DamagedError(f"element {element_name(tag)} holds '{shown}', not numbers")
+        raise DamagedError(f"element {tags.element_name(tag)} holds '{shown}', not numbers")
     return values
 
 
@@ -103,6 +103,6 @@ def integer(elements: Elements, tag: int, big: bool, signed: bool = False) -> in
     if not raw:
         return None
     if len(raw) != 2:
-        raise DamagedError(f"element {element_name(tag)} has {len(raw)} bytes, expected 2")
+        raise DamagedError(f"element {tags.element_name(tag)} has {len(raw)} bytes, expected 2")
     value: int = struct.unpack(_SHORT[big, signed], raw)[0]
     return value

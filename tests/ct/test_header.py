@@ -162,6 +162,20 @@ def test_a_header_beyond_the_limit_is_refused_and_read_when_the_limit_is_raised(
     assert 0x00280010 in read_header(file, Limits()).elements
 
 
+def test_a_document_that_is_larger_than_headers_may_be_is_no_damage(tmp_path: Path) -> None:
+    """A PDF, an STL file or contours of 16 MiB were refused by the node, and flagged beside a scan."""
+    made = dataset(0)
+    for keyword in ("PixelData", "Rows", "Columns"):
+        delattr(made, keyword)
+    made.EncapsulatedDocument, made.MIMETypeOfEncapsulatedDocument = bytes(200_000), "model/stl"
+    save(made, tmp_path / "stl")
+    header = read_header(blob(tmp_path / "stl"), Limits(header_bytes=100_000))
+    assert (tags.SERIES_INSTANCE_UID in header.elements, header.pixel_tag) == (True, None)
+    content = (tmp_path / "stl").read_bytes()
+    with pytest.raises(DamagedError, match="longer than what is left"):
+        read_header(written(tmp_path / "half", content[:150_000]), Limits(header_bytes=100_000))
+
+
 @pytest.mark.parametrize("filling", [b"\x09\x00\x01\x10LO\0\0", OPENING[:12] + b"\xfe\xff\x00\xe0\0\0\0\0" * 9])
 def test_a_header_of_countless_small_elements_is_refused(tmp_path: Path, plain: bytes, filling: bytes) -> None:
     at = plain.find(b"\x10\x00\x10\x00PN")

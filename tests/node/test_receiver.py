@@ -13,9 +13,17 @@ import pytest
 from pydicom import dcmread
 from pydicom.filebase import DicomBytesIO
 from pydicom.filewriter import write_dataset, write_file_meta_info
-from pydicom.uid import UID, CTImageStorage, DeflatedExplicitVRLittleEndian, ExplicitVRLittleEndian, RLELossless
+from pydicom.uid import (
+    UID,
+    CTImageStorage,
+    DeflatedExplicitVRLittleEndian,
+    ExplicitVRLittleEndian,
+    RLELossless,
+    SecondaryCaptureImageStorage,
+)
 from pynetdicom import AE, _config
 
+from ronnaplan.ct import encapsulated
 from ronnaplan.errors import InputError
 from ronnaplan.node.classes import CLASSES, COMPANIONS, RARER_COMPANIONS
 from ronnaplan.node.facts import read_facts
@@ -37,6 +45,7 @@ from tests.node.peers import (
 )
 
 pytestmark = needs("storescu", "echoscu")
+ITEM = b"\xfe\xff\0\xe0\0\0\0\0"
 
 
 def test_a_scan_that_a_scanner_sends_is_kept_as_it_is(node: Listening, tmp_path: Path) -> None:
@@ -134,6 +143,30 @@ def test_half_an_instance_is_refused_and_keeps_the_whole_one_not_out(
     assert "pixels" in node.events("refused")[0]["reason"]
     assert send_as_is(node.port, whole, syntax, monkeypatch) == 0
     assert dcmread(node.files()[0]).PixelData == dcmread(whole).PixelData
+
+
+@pytest.mark.parametrize(
+    "items",
+    [
+        pytest.param(ITEM, id="no fragment"),
+        pytest.param(ITEM + ITEM[:4] + b"\3\0\0\0odd\0", id="an odd fragment that is padded"),
+        pytest.param(ITEM + (ITEM[:4] + b"\2\0\0\0..") * 9, id="countless fragments"),
+    ],
+)
+def test_a_picture_that_is_whole_is_taken_though_nobody_here_could_read_it(
+    items: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Senders give up the scan for what lies beside it; and countless fragments were said to end too early."""
+    monkeypatch.setattr(encapsulated, "MOST_FRAGMENTS", 5)
+    made = makers.dataset(0)
+    made.SOPClassUID, made.file_meta.TransferSyntaxUID = SecondaryCaptureImageStorage, RLELossless
+    made.PixelData = items
+    made["PixelData"].is_undefined_length = True
+    path = save(made, tmp_path / "x.dcm")
+    assert read_facts(path, "", only_whole=True).sop_class == SecondaryCaptureImageStorage
+    path.write_bytes(path.read_bytes()[:-13] if len(items) > 8 else path.read_bytes()[:-12])
+    with pytest.raises(InputError, match="ends within its compressed pixels"):
+        read_facts(path, "", only_whole=True)
 
 
 @pytest.mark.parametrize("uid", [b"../../x", b"1..2", b"", b"1.2.3/4", b"1" * 66])
