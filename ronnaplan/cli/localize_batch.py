@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from ronnaplan.cli.output import tell
+from ronnaplan.cli.output import tell, warn
 from ronnaplan.errors import InputError, RonnaplanError
 from ronnaplan.text import LONGEST_SENTENCE, printable, sizes
 
@@ -132,9 +132,12 @@ def _usable(path: str) -> Iterable[tuple[str | None, str | None]]:
         given = given_path(path)
         if is_image_file(given) and given.is_file():
             return ((None, None),)
-        usable = find_series(path, progress=True).usable
+        found = find_series(path, progress=True)
     except RonnaplanError:
         return ((None, None),)
+    usable = found.usable
+    if any(found.may_mean_another(one) for one in usable):
+        warn(f"{printable(path)} holds a scan that cannot be used, too, and is left out; see `ronnaplan series`")
     return [(one.key, one.first.blob.name) for one in usable] or ((None, None),)
 
 

@@ -8,13 +8,15 @@ from pathlib import Path
 
 import pytest
 import SimpleITK
-from pydicom import dcmread
+from pydicom import Dataset, dcmread
 
 from phantoms.fast import render
 from phantoms.output import write_phantom
 from phantoms.series import SeriesOptions
 from ronnaplan import read_ct
+from ronnaplan.cli.localize_batch import jobs_of
 from tests.cli.calls import run
+from tests.ct import makers
 from tests.scans import balls, small_stack
 
 
@@ -126,6 +128,21 @@ def test_every_series_of_a_folder_is_done_when_asked_for(
     scans = json.loads((results / "summary.json").read_text())["scans"]
     assert len({one["series"] for one in scans}) == 2
     assert {Path(one["first_file"]).parent for one in scans} == {exam / "0", exam / "1"}
+
+
+def test_a_scan_that_cannot_be_used_is_told_where_all_series_are_done(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its summary had one row of two scans, and nothing told of the other."""
+
+    def of_another(made: Dataset, k: int) -> None:
+        made.SeriesInstanceUID = "1.2.9"
+        if k == 1:
+            made.PixelData = made.PixelData[:-20]
+
+    makers.write_series(makers.write_series(tmp_path), 4, of_another, "other")
+    assert [one.series for one in jobs_of([str(tmp_path)], None, all_series=True)] == [makers.SERIES]
+    assert "holds a scan that cannot be used, too, and is left out" in capsys.readouterr().err
 
 
 def test_the_parts_of_one_series_are_told_apart_by_the_name_that_asks_for_them_again(
