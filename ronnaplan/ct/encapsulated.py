@@ -13,7 +13,10 @@ from typing import Final
 from ronnaplan.ct import tags
 from ronnaplan.ct.files import Blob, DamagedError
 from ronnaplan.ct.header import Header
+from ronnaplan.ct.kinds import CT_IMAGE, ENHANCED_CT, LEGACY_ENHANCED_CT
+from ronnaplan.ct.values import text
 
+_WITH_PIXELS: Final = frozenset({CT_IMAGE, ENHANCED_CT, LEGACY_ENHANCED_CT})
 ITEM_HEADER: Final = struct.Struct("<HHL")
 MOST_FRAGMENTS: Final = 1 << 16
 """More compressed fragments than this in one file are taken for damage."""
@@ -35,6 +38,8 @@ def require_whole(blob: Blob, header: Header) -> None:
 
     Of whole ones nothing else is asked: it may be a picture that nobody here reads.
     """
+    if header.pixel_tag is None and text(header.elements, tags.SOP_CLASS_UID) in _WITH_PIXELS:
+        raise DamagedError("it ends before its pixels")
     if header.pixels_missing:
         raise DamagedError(f"{header.pixels_missing} bytes of its pixels are missing")
     if header.pixel_tag is not None and header.pixel_length is None:

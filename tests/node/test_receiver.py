@@ -169,6 +169,15 @@ def test_a_picture_that_is_whole_is_taken_though_nobody_here_could_read_it(
         read_facts(path, "", only_whole=True)
 
 
+def test_a_slice_that_ends_between_the_elements_of_its_header_is_refused(tmp_path: Path) -> None:
+    path = save(makers.dataset(0), tmp_path / "x.dcm")
+    content = path.read_bytes()
+    path.write_bytes(content[: content.index(b"\x28\0\x10\0US")])
+    assert read_facts(path, "").modality == "CT"
+    with pytest.raises(InputError, match="ends before its pixels"):
+        read_facts(path, "", only_whole=True)
+
+
 @pytest.mark.parametrize("uid", [b"../../x", b"1..2", b"", b"1.2.3/4", b"1" * 66])
 def test_a_uid_that_is_no_file_name_is_refused(uid: bytes, tmp_path: Path) -> None:
     made = makers.dataset(0)
