@@ -28,7 +28,7 @@ Elements = dict[int, Any]
 _LONG_FORMS: Final = frozenset(
     {b"OB", b"OD", b"OF", b"OL", b"OV", b"OW", b"SQ", b"SV", b"UC", b"UN", b"UR", b"UT", b"UV"}
 )
-_UNDEFINED: Final = 0xFFFFFFFF
+_UNDEFINED = _LAST_TAG = 0xFFFFFFFF
 _FIRST_READ_BYTES: Final = 1 << 15
 _PREAMBLE_BYTES, _META_START = 128, 128 + len(b"DICM")
 _SHORT_HEAD_BYTES, _LONG_HEAD_BYTES = 8, 12
@@ -106,13 +106,13 @@ def deflated_part(blob: Blob, limits: Limits) -> bytes:
 def _of_no_image(buffer: bytes, size: int, limits: Limits) -> Header:
     """Return who a document, a surface or a set of contours is, whose content is its header; an image is refused."""
     with suppress(_MoreNeededError):
-        header = _parse(buffer, size, limits, last=tags.LAST_OF_IMAGE)
+        header = _parse(buffer, size, limits, last=tags.ROWS | 0xFFFF)  # to the end of its group
         if tags.ROWS not in header.elements:
             return header
     raise DamagedError("its header is too long")
 
 
-def _parse(buffer: bytes, size: int, limits: Limits, last: int = tags.ITEM) -> Header:
+def _parse(buffer: bytes, size: int, limits: Limits, last: int = _LAST_TAG) -> Header:
     if buffer[_PREAMBLE_BYTES:_META_START] == b"DICM":
         start = _META_START
     elif _looks_like_bare_dataset(buffer):
@@ -183,7 +183,7 @@ class _Scanner:
         return elements, position
 
     def dataset(
-        self, position: int, end: int, explicit: bool, depth: int, last: int = tags.ITEM
+        self, position: int, end: int, explicit: bool, depth: int, last: int = _LAST_TAG
     ) -> tuple[Elements, int]:
         """Read elements from ``position`` to ``end``, ``last`` or an item's delimiter; return them and their end."""
         elements: Elements = {}

@@ -106,8 +106,6 @@ ITEM_DELIMITATION_ITEM: Final = 0xFFFEE00D
 SEQUENCE_DELIMITATION_ITEM: Final = 0xFFFEE0DD
 
 _ALL: Final = frozenset(value for name, value in list(globals().items()) if name.isupper() and name[0] != "_")
-LAST_OF_IMAGE: Final = 0x0028FFFF
-"""Before it stands what describes an image, and who any instance is."""
 PIXELS: Final = frozenset({FLOAT_PIXEL_DATA, DOUBLE_FLOAT_PIXEL_DATA, PIXEL_DATA})
 """What ends a header."""
 DELIMITERS: Final = frozenset({ITEM, ITEM_DELIMITATION_ITEM, SEQUENCE_DELIMITATION_ITEM})
