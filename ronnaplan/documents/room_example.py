@@ -55,7 +55,7 @@ start = [0, -70, 20]
 end = [0, 70, 20]
 radius = 35
 [tool.marker]                   # what the tracker sees; leave out where nothing is tracked
-at = [0, 110, 10]                 # where tool and wrist do not hide it
+at = [0, 110, 10]               # where tool and wrist do not hide it
 normal = [0, 1, -1]
 seen_deg = 75                   # how obliquely it is still seen
 
