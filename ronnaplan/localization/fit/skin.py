@@ -60,6 +60,10 @@ CURVATURE_SPREAD_PER_MM = 1.0 / 140.0
 """Standard deviation of how the skin is curved about `SKIN_CURVATURE_PER_MM`: heads are flat at the temples, and round
 as a ball of 55 mm elsewhere. Taken for round, flat skin displaces balls by 2 to 8 um, away from it."""
 
+FACE_QUANTILE = 0.75
+"""In this share of the directions in which it is met, what a ball touches is no brighter than its face: a screw's end
+in it, which is met in few, does not count."""
+
 PLANE_DEPTHS, PLANE_HALVINGS = 9, 12
 """How far a plane that a ball touches is seen beside it is told by so many places outward, to 1 in 2 to the second."""
 
@@ -95,6 +99,12 @@ def bent(along_mm: FloatArray, theta: FloatArray, jacobian: FloatArray) -> Float
     beside_mm2 = np.sum(along_mm**2, axis=1) - depth_mm**2
     changed: FloatArray = -np.linalg.norm(place) * (jacobian[:, SKIN_PLACE] @ place) * beside_mm2 / 2.0
     return changed
+
+
+def face_hu(excess_hu: FloatArray, contrast_hu: float) -> float:
+    """Return how bright the face is that a ball of ``contrast_hu`` touches, by what is just outside it (C,)."""
+    attached_hu = excess_hu[excess_hu > ATTACHED_SHARE * contrast_hu]
+    return float(np.quantile(attached_hu, FACE_QUANTILE)) if len(attached_hu) else 0.0
 
 
 def share_on_skin(theta: FloatArray, attached_hu: float) -> float:

@@ -12,7 +12,7 @@ from ronnaplan.localization.fit.descent import BLUR_BOUNDS_MM, MAX_CONTRAST_HU, 
 from ronnaplan.localization.fit.directions import MAX_RAGGED
 from ronnaplan.localization.fit.model import has_streaks
 from ronnaplan.localization.fit.parameters import BACKGROUND, CENTER, WIDTH
-from ronnaplan.localization.fit.skin import share_on_skin
+from ronnaplan.localization.fit.skin import face_hu, share_on_skin
 from ronnaplan.localization.judge.evidence import Evidence
 from ronnaplan.localization.search.detect import MIN_CONTRAST_HU
 
@@ -199,7 +199,8 @@ def _coverage(evidence: Evidence) -> str | None:
 def _free(evidence: Evidence) -> str | None:
     verdict = evidence.verdict
     attached = verdict.attached_share
-    allowed = max(MAX_ATTACHED, share_on_skin(evidence.fit.theta, float(verdict.excess_hu.max())) + SKIN_MARGIN)
+    bright_hu = face_hu(verdict.excess_hu, evidence.fit.contrast_hu)
+    allowed = max(MAX_ATTACHED, share_on_skin(evidence.fit.theta, bright_hu) + SKIN_MARGIN)
     if attached > allowed:
         return f"{attached:.0%} of its surface is attached to something as bright, {allowed:.0%} allowed"
     ragged = MAX_RAGGED + RAGGED_WIDTH * _thickness_beyond(evidence)

@@ -13,7 +13,7 @@ from ronnaplan.localization import FiducialFlag, localize
 from ronnaplan.localization.examine import fit_place
 from ronnaplan.localization.fit.cells import cell_directions
 from ronnaplan.localization.fit.parameters import BLUR, CONTRAST, PARAMETERS, RADIUS, WIDTH
-from ronnaplan.localization.fit.skin import is_skin, lies_on_something, share_on_skin
+from ronnaplan.localization.fit.skin import face_hu, is_skin, lies_on_something, share_on_skin
 from ronnaplan.localization.scanner.scan import Scan
 from tests.scans import balls, scan, small_stack
 
@@ -40,6 +40,12 @@ def test_a_plane_that_the_ball_touches_is_met_in_this_share_of_the_directions(
         radius_mm + 2.5 * np.hypot(blur_mm, 0.1) + 0.25
     ) * directions  # where `judge` looks, two to three blurs out
     assert share_on_skin(theta, 1000.0) == pytest.approx(np.mean(places[:, 2] < -radius_mm), abs=0.004)
+
+
+def test_a_screws_end_in_the_face_that_a_ball_touches_does_not_make_the_face_brighter() -> None:
+    excess_hu = np.r_[np.zeros(160), np.full(36, 1000.0), np.full(4, 20_000.0)]
+    assert face_hu(excess_hu, 1000.0) == 1000.0
+    assert face_hu(np.zeros(200), 1000.0) == 0.0
 
 
 @pytest.mark.parametrize("material", ["aluminium", "ceramic"])
