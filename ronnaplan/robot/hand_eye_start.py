@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import invert, rigid
+from ronnaplan.pose import invert, nearest_rotations, rigid
 from ronnaplan.robot import scatter
 from ronnaplan.robot.pivot import FEWEST_FOR_SCATTER
 from ronnaplan.text import listed, runs
@@ -39,8 +39,9 @@ def closed_form(
     share = np.ones(len(seen)) if weight is None else weight
     kronecker = np.einsum("n,nij,nkl->ikjl", share, driven[:, :3, :3], seen[:, :3, :3]).reshape(9, 9)
     u, _, vt = np.linalg.svd(kronecker)
-    rotations = [_nearest_rotation(vector.reshape(3, 3)) for vector in (u[:, 0], vt[0])]
-    left, right = rotations[0], rotations[1].T
+    either = np.array([u[:, 0], vt[0]]).reshape(2, 3, 3)  # of either sign
+    left, back = nearest_rotations(either * np.sign(np.linalg.det(either))[:, None, None])
+    right = back.T
     design = np.concatenate([np.broadcast_to(np.eye(3), (len(seen), 3, 3)), left @ seen[:, :3, :3]], axis=2)
     goal = driven[:, :3, 3] - seen[:, :3, 3] @ left.T
     root = np.sqrt(share)[:, None]
@@ -109,9 +110,3 @@ def _angle_left(seen: FloatArray, driven: FloatArray, left: FloatArray, right: F
     """Return the angle, in rad RMS, that R from OTS ``left`` and M from TCP ``right`` leave between poses."""
     error = discrepancies(seen, driven, left, right)
     return float(np.sqrt((error[:, :3] ** 2).sum(axis=1).mean()))
-
-
-def _nearest_rotation(matrix: FloatArray) -> FloatArray:
-    u, _, vt = np.linalg.svd(matrix * np.sign(np.linalg.det(matrix)))
-    rotation: FloatArray = u @ vt
-    return rotation

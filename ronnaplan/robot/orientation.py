@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, as_covariances, as_points, unit
-from ronnaplan.pose import Pose, cross_matrix, first_told, transform_points
+from ronnaplan.pose import Pose, about, first_told, transform_points
 from ronnaplan.rigid import require_spread
 from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.pivot import PivotCalibration
@@ -97,8 +97,7 @@ def tool_pose(pivot: PivotCalibration, rotation: FloatArray, rotation_rad2: Floa
     # The rotation turns about the tip, so about M's origin it also moves the tip back.
     lever = np.zeros((6, 6))
     lever[:3, :3] = rotation_rad2
-    carry = np.eye(6)
-    carry[3:, :3] = cross_matrix(pivot.tip_mm)
+    carry = about(-pivot.tip_mm)
     lever = carry @ lever @ carry.T
     lever[3:, 3:] += pivot.tip_covariance_mm2
     return Pose(matrix, lever, M, TCP)
