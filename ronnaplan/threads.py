@@ -82,6 +82,7 @@ def single_threaded_algebra() -> AbstractContextManager[Any]:
 
 @cache
 def _libraries() -> Any:
+    import scipy.linalg  # noqa: F401  # it brings a library of its own, which is not found before it is loaded
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import threading
 
 import pytest
@@ -89,3 +91,14 @@ def test_the_processes_of_a_cohort_have_a_core_each(monkeypatch: pytest.MonkeyPa
     for name, value in ONE_THREAD.items():
         monkeypatch.setenv(name, value)
     assert cores() == 1
+
+
+def test_linear_algebra_that_is_loaded_later_keeps_to_one_thread_too() -> None:
+    code = "from threadpoolctl import threadpool_info\nfrom ronnaplan.threads import single_threaded_algebra\n"
+    code += "with single_threaded_algebra():\n    pass\nimport scipy.linalg\nwith single_threaded_algebra():\n"
+    code += "    print(max(one['num_threads'] for one in threadpool_info() if one['user_api'] == 'blas'))"
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "2"}
+    told = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, check=True, text=True
+    )
+    assert told.stdout.strip() == "1"

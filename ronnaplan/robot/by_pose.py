@@ -19,27 +19,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from enum import StrEnum
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.robot.by_pose_likelihood import COMPONENTS, Judged, judge, products, weighted
 from ronnaplan.robot.spectra import DRIFT_PROBABILITY, beside_a_field
 
 SHARES = (1.0, 10.0, 100.0)
 """Variances of the field, in those of the noise beside it: some hundredths of it are left."""
 ONE_CAUSE = 0.1
 """So likely beforehand is each of the fields that have one cause, in parts of that which may have any."""
-ROUNDS = 3
-"""Each weighs rotations and places by the noise that the one before it tells."""
-SHAPE_ROUNDS = 4
-"""So many more tell the noise's whole shape."""
-LEAST_SHARE = 1e-4
-"""No component of the noise has less of its variance: of noise about one axis alone, what rounds left of the other two
-would be judged, and a field of errors be told by it."""
-LEAST_VARIANCE = 1e-12
-"""Of the noise, in equations in which it is about one: of poses without any, round-off is left, of either sign."""
 
 
 class Cause(StrEnum):
@@ -118,145 +110,97 @@ def judged(equations: ByFrequency, fields: Mapping[Cause, FloatArray], count: in
 
     The first ``count`` frequencies are judged. The noise's components are alike, or also ``unlike``.
     """
-    steady = _of_causes((), equations, fields, count, unlike)
-    late = [_rarer(one) for one in _of_cause((Cause.DELAY,), equations, fields, count, unlike)]
+    noises = _Noises(equations, fields, count, unlike)
+    steady = _of_causes((), noises)
+    late = [_rarer(one) for one in noises.beside((Cause.DELAY,))]
     if max(one.log_weight for one in late) < max(one.log_weight for one in steady):
         return steady + late
-    return steady + late + [_rarer(one) for one in _of_causes((Cause.DELAY,), equations, fields, count, unlike)]
+    return steady + late + [_rarer(one) for one in _of_causes((Cause.DELAY,), noises)]
 
 
-def _of_causes(
-    beside: tuple[Cause, ...], equations: ByFrequency, fields: Mapping[Cause, FloatArray], count: int, unlike: bool
-) -> list[Weighed]:
-    """Return what fields by place are worth, ``beside`` others, as `judged` does."""
-    found = list(_of_cause((Cause.ANY, *beside), equations, fields, count, unlike))
+def _of_causes(others: tuple[Cause, ...], noises: _Noises) -> list[Weighed]:
+    """Return what fields by place are worth, beside ``others``, as `judged` does."""
+    found = list(noises.beside((Cause.ANY, *others)))
     weights = np.array([one.log_weight for one in found])
     weights = np.exp(weights - weights.max())
     wide = np.einsum("m,mij->ij", weights / weights.sum(), np.array([one.covariance for one in found]))
-    bent = _of_cause((Cause.BENDING, *beside), equations, fields, count, unlike)
+    bent = noises.beside((Cause.BENDING, *others))
     found += [_rarer(one)._replace(covariance=wide) for one in bent]
-    return found + [_rarer(one) for one in _of_cause((Cause.SCALE, *beside), equations, fields, count, unlike)]
+    return found + [_rarer(one) for one in noises.beside((Cause.SCALE, *others))]
 
 
 def _rarer(one: Weighed) -> Weighed:
     return one._replace(log_weight=one.log_weight + np.log(ONE_CAUSE))
 
 
-def _of_cause(
-    causes: tuple[Cause, ...], equations: ByFrequency, fields: Mapping[Cause, FloatArray], count: int, unlike: bool
-) -> Iterator[Weighed]:
-    """Yield what a field is worth in each of its variances, and beside each noise, as `judged` does.
+class _Noises:
+    """The kinds of noise that may lie beside fields, of S spectra, and what all fields need of them."""
 
-    Of ``causes`` the first is the field's; any other's is as large as it may be.
-    """
-    design, left, known, bread, drifts = equations
-    constant = np.diag(known) == 0
-    widths = [fields[cause].shape[2] for cause in causes]
-    field = np.concatenate([fields[cause] for cause in causes], axis=2)
-    constants, of_drifts = int(constant.sum()), np.diag(known)[drifts]
-    firsts = constants + np.cumsum([0, *widths[:-1]])
-    joined = np.concatenate([design[..., constant], field, design[..., drifts], left[..., None]], axis=2)
-    undrifting = np.r_[: constants + field.shape[2], joined.shape[2] - 1]
-    carried = np.einsum("kci,kcs->is", design, field)
-    for i, spectrum in enumerate(beside := beside_a_field(len(design))):
-        deviations = np.sqrt(spectrum)[:, None, None]
-        prior = np.log(len(beside) - 1) if i else 0.0  # white noise is as likely beforehand as all others
-        volume = 0.5 * joined.shape[1] * np.log(spectrum[:count]).sum()
-        drifting = _products((joined / deviations)[:count])
-        still = drifting[:, :, undrifting[:, None], undrifting].copy()
-        for share, drifts_too in product(SHARES, (False, True)):
-            variances = np.repeat([share, SHARES[-1]], [widths[0], sum(widths[1:])])
-            precision = np.append(np.zeros(constants), 1 / variances)
-            products, probability = still, 1 - DRIFT_PROBABILITY
-            if drifts_too:
-                products, probability = drifting, DRIFT_PROBABILITY
-                precision = np.append(precision, of_drifts)
-            for found in _judge(products, precision, count, unlike):
-                covariance = np.zeros_like(known)
-                if causes[0] in OF_ONE_NUMBER:
-                    covariance[np.ix_(constant, constant)] = found.second_moment[:constants, :constants]
-                else:
-                    scores = np.einsum("kai,ab->kbi", design, np.linalg.cholesky(found.noise)) * deviations
-                    spread = np.einsum("kci,kcj->ij", scores, scores)
-                    spread += carried @ _moment(found, constants, widths[0], variances) @ carried.T
-                    spread += np.diag(found.noise).mean() * known
-                    covariance += bread @ spread @ bread
-                sizes = {cause: found.size(first) for cause, first in zip(causes, firsts, strict=True)}
-                yield Weighed(found.log_weight - volume - prior + np.log(probability), covariance, sizes)
+    def __init__(
+        self, equations: ByFrequency, fields: Mapping[Cause, FloatArray], count: int, unlike: bool
+    ) -> None:
+        design, left, self.known, self.bread, drifts = equations
+        self.constant, self.count, self.unlike = np.diag(self.known) == 0, count, unlike
+        parts: list[FloatArray] = [
+            design[..., self.constant],
+            *fields.values(),
+            design[..., drifts],
+            left[..., None],
+        ]
+        ends = np.cumsum([part.shape[2] for part in parts])
+        self.constants, *of_causes, self.drifts, self.left = np.split(np.arange(ends[-1]), ends[:-1])
+        self.columns = dict(zip(fields, of_causes, strict=True))
+        self.of_drifts = np.diag(self.known)[drifts]
+        joined = np.concatenate(parts, axis=2)
+        self.carried = np.einsum("kci,kcs->is", design, joined, optimize=True)
+        spectra = np.array(beside_a_field(len(design)))
+        deviations = np.sqrt(spectra)[..., None, None]
+        self.sums = np.array([products((joined / one)[:count]) for one in deviations])
+        self.scores = np.array([products(design * one) for one in deviations])
+        self.log_prior = -0.5 * COMPONENTS * np.log(spectra[:, :count]).sum(axis=1)
+        self.log_prior[1:] -= np.log(len(spectra) - 1)  # white noise is as likely beforehand as all others
 
+    def beside(self, causes: tuple[Cause, ...]) -> Iterator[Weighed]:
+        """Yield what a field is worth in each of its variances, and beside each noise, as `judged` does.
 
-def _products(columns: FloatArray) -> FloatArray:
-    """Return (c, c, q, q): of each component with each the sums over ``columns`` (N, c, q), each times each."""
-    flat = columns.reshape(len(columns), -1)
-    return np.asarray((flat.T @ flat).reshape(*columns.shape[1:], *columns.shape[1:]).swapaxes(1, 2).copy())
+        Of ``causes`` the first is the field's; any other's is as large as it may be.
+        """
+        field = np.concatenate([self.columns[cause] for cause in causes])
+        width, others = len(self.columns[causes[0]]), len(field) - len(self.columns[causes[0]])
+        variances = np.array([np.repeat([share, SHARES[-1]], [width, others]) for share in SHARES])
+        firsts = len(self.constants) + np.cumsum([0, *(len(self.columns[cause]) for cause in causes[:-1])])
+        for drifts, probability in ((self.drifts[:0], 1 - DRIFT_PROBABILITY), (self.drifts, DRIFT_PROBABILITY)):
+            known = (np.zeros(len(self.constants)), self.of_drifts[: len(drifts)])
+            precision = np.array([np.concatenate([known[0], 1 / each, known[1]]) for each in variances])
+            columns = np.concatenate([self.constants, field, drifts, self.left])
+            sums = self.sums[:, :, columns[:, None], columns]
+            for found in judge(sums, precision, self.count, self.unlike):
+                log_weight = found.log_weight + self.log_prior[:, None] + np.log(probability)
+                covariance = self._covariance(found, causes[0], field, width, variances)
+                sizes = [found.size(first) for first in firsts]
+                for at in np.ndindex(log_weight.shape):
+                    told = {cause: tuple(size[at]) for cause, size in zip(causes, sizes, strict=True)}
+                    yield Weighed(float(log_weight[at]), covariance[at], told)
 
+    def _covariance(
+        self, found: Judged, cause: Cause, field: NDArray[np.intp], width: int, variances: FloatArray
+    ) -> FloatArray:
+        """Return the estimate's covariance (S, T, p, p) with a ``field`` of ``variances`` (T, s), by its columns.
 
-def _moment(found: _Judged, constants: int, width: int, variances: FloatArray) -> FloatArray:
-    """Return the second moment (s, s) of a field of ``variances`` (s,), and of fields of one number from ``width`` on.
-
-    These are as they are modelled, and as large as what is left tells.
-    """
-    moment = np.diag(found.variance * variances)
-    ends = slice(constants + width, constants + len(variances))
-    moment[width:, width:] = found.second_moment[ends, ends]
-    return moment
-
-
-def of_volume_one(covariance: FloatArray) -> FloatArray:
-    """Return a shape (c, c), of determinant one, for noise of ``covariance`` (c, c)."""
-    size = len(covariance)
-    shape = covariance + LEAST_SHARE * np.trace(covariance) / size * np.eye(size)
-    return np.asarray(shape / np.exp(np.linalg.slogdet(shape)[1] / size))
-
-
-class _Judged(NamedTuple):
-    """How likely a field is, and how large it and the noise beside it are."""
-
-    log_weight: float
-    variance: float
-    """Of the noise, beside which shares are those of fields."""
-    noise: FloatArray
-    """(6, 6): covariance of the noise."""
-    solution: FloatArray
-    """(p,): by how much the fit's constants are off, the field's unknowns, and those of a drift."""
-    second_moment: FloatArray
-    """(p, p), of what these may be."""
-
-    def size(self, at: int) -> tuple[float, float]:
-        """Return how large an unknown is, and its variance."""
-        size = float(self.solution[at])
-        return size, float(self.second_moment[at, at]) - size**2
-
-
-def _judge(products: FloatArray, precision: FloatArray, count: int, unlike: bool) -> Iterator[_Judged]:
-    """Yield what a field is worth of which ``precision`` (p,), for noise of unit variance, is known beforehand.
-
-    ``products`` (6, 6, p + 1, p + 1) are, of each component with each, the sums over ``count`` frequencies of how the
-    fit's constants, of which nothing is known, the field's unknowns and those of a drift change the residual, and of
-    that itself, each times each. The noise has about one variance; its components are alike, within rotations and
-    within places, then, if asked for, ``unlike``: its shape is what is expected of it with the field (as in `memory`),
-    as one that was told without is the field's.
-    """
-    size, random = len(products), precision > 0
-    freedom = count * size - np.count_nonzero(~random)
-    volume = np.log(precision[random]).sum()
-    after, last = np.eye(size), ROUNDS + (SHAPE_ROUNDS if unlike else 0) - 1
-    for done in range(last + 1):
-        shape = after
-        summed = np.tensordot(np.linalg.inv(shape), products, axes=2)
-        normal, score = summed[:-1, :-1] + np.diag(precision), summed[:-1, -1]
-        inverse = np.linalg.inv(normal)
-        left = np.append(inverse @ score, -1.0)
-        misfit = max(float(summed[-1, -1] - score @ left[:-1]), freedom * LEAST_VARIANCE)
-        variance = misfit / freedom
-        second_moment = np.outer(left, left)
-        second_moment[:-1, :-1] += variance * inverse
-        if done in (ROUNDS - 1, last):
-            numbers = size // 3 - 1 if done < ROUNDS else size * (size + 1) // 2 - 1
-            unexplained = freedom * np.log(misfit) + np.linalg.slogdet(normal)[1] - volume
-            log_weight = -0.5 * (unexplained + numbers * np.log(count))  # Schwarz's penalty
-            yield _Judged(log_weight, variance, shape * variance, left[:-1], second_moment[:-1, :-1])
-        after = np.tensordot(products, second_moment, axes=2)
-        if done < ROUNDS - 1:
-            after = np.diag(np.repeat(np.diag(after).reshape(-1, 3).mean(axis=1), 3))
-        after = of_volume_one(after)
+        Of it the first ``width`` are of ``cause``; other fields are as they are modelled, and as large as what is left
+        tells.
+        """
+        constants = len(self.constants)
+        if cause in OF_ONE_NUMBER:
+            covariance = np.zeros((*found.variance.shape, *self.known.shape))
+            covariance[..., *np.ix_(self.constant, self.constant)] = found.second_moment[
+                ..., :constants, :constants
+            ]
+            return covariance
+        ends = slice(constants + width, constants + len(field))
+        moment = (found.variance[..., None] * variances)[..., None] * np.eye(len(field))
+        moment[..., width:, width:] = found.second_moment[..., ends, ends]
+        carried = self.carried[:, field]
+        spread = weighted(found.noise, self.scores) + carried @ moment @ carried.T
+        spread += np.trace(found.noise, axis1=-2, axis2=-1)[..., None, None] / COMPONENTS * self.known
+        return np.asarray(self.bread @ spread @ self.bread)

@@ -20,8 +20,10 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot import by_pose
-from ronnaplan.robot.by_pose import LEAST_VARIANCE, SHAPE_ROUNDS, ByFrequency, Cause, Suspicion
+from ronnaplan.robot.by_pose import ByFrequency, Cause, Suspicion
+from ronnaplan.robot.by_pose_likelihood import LEAST_VARIANCE, SHAPE_ROUNDS, of_volume_one
 from ronnaplan.robot.spectra import DRIFT_PROBABILITY, spectra
+from ronnaplan.threads import single_threaded_algebra
 
 DRIFT_SDS = 4.0
 """A steady drift over half the recording, one standard deviation, in those of the noise."""
@@ -74,9 +76,24 @@ def least_squares_covariance(
     average over all candidates and spectra by their likelihood. So are fields of errors by the robot's pose, where
     the equations tell them.
     """
-    weights, covariances = [], []
     seen = [_Frequencies(frame, constants) for frame in frames]
     count = max(frame.used for frame in seen)  # alike in all frames, or their likelihoods would be of unlike data
+    with single_threaded_algebra():
+        weights, covariances = _noises(seen, estimate, count)
+        noises, fields = len(weights), _fields(seen, estimate, count)
+    weights += [one.log_weight - np.log(len(frames)) for one in fields]
+    covariances += [one.covariance for one in fields]
+    likely = np.exp(np.array(weights) - max(weights))
+    likely /= likely.sum()
+    mean = np.einsum("m,mij->ij", likely, np.array(covariances))
+    return mean, by_pose.suspicion(likely[noises:], fields)
+
+
+def _noises(
+    seen: Sequence[_Frequencies], estimate: FloatArray, count: int
+) -> tuple[list[float], list[FloatArray]]:
+    """Return the log weight of each kind of noise, and the covariance (p, p) of the ``estimate`` with it."""
+    weights, covariances = [], []
     for frame in seen:
         shares = (0.0,) if frame.turning is None else (0.0, *SLOW_SHARES)
         for share, drifting in product(shares, (False, True)):
@@ -87,20 +104,20 @@ def least_squares_covariance(
                 likely = np.exp(judged.log_weights - top)
                 weights.append(top + np.log(likely.sum()) - 0.5 * parameters * np.log(count))  # Schwarz's penalty
                 covariances.append(candidate.covariance(shape, likely * judged.variances / likely.sum()))
-    noises, fields = len(weights), []
+    return weights, covariances
+
+
+def _fields(seen: Sequence[_Frequencies], estimate: FloatArray, count: int) -> list[by_pose.Weighed]:
+    """Return what fields of errors by the robot's pose are worth, in frames that tell them."""
+    fields = []
     for frame in seen:
         if frame.fields is None:
             continue
-        left = frame.residual - frame.design[..., constants:] @ estimate[constants:]
+        left = frame.residual - frame.design[..., frame.constants :] @ estimate[frame.constants :]
         unlike = count >= FEWEST_FOR_SHAPE * frame.residual.shape[1]
         equations = ByFrequency(frame.design, left, frame.known, frame.bread, frame.drifts)
         fields += by_pose.judged(equations, frame.fields, count, unlike)
-    weights += [one.log_weight - np.log(len(frames)) for one in fields]
-    covariances += [one.covariance for one in fields]
-    likely = np.exp(np.array(weights) - max(weights))
-    likely /= likely.sum()
-    mean = np.einsum("m,mij->ij", likely, np.array(covariances))
-    return mean, by_pose.suspicion(likely[noises:], fields)
+    return fields
 
 
 def _drift_precision(design: FloatArray, constants: int) -> FloatArray:
@@ -223,12 +240,12 @@ class _Candidate:
         alike = np.eye(size)
         for _ in range(SHAPE_ROUNDS if kinds > 1 else 0):
             of_kinds = np.diag(self._noise_shape(alike)).reshape(kinds, 3).mean(axis=1)
-            alike = by_pose.of_volume_one(np.diag(np.repeat(of_kinds, 3)))
+            alike = of_volume_one(np.diag(np.repeat(of_kinds, 3)))
         if self.turning is not None or count < FEWEST_FOR_SHAPE * size:
             return [(alike, kinds - 1)]
         unlike = alike
         for _ in range(SHAPE_ROUNDS):
-            unlike = by_pose.of_volume_one(self._noise_shape(unlike))
+            unlike = of_volume_one(self._noise_shape(unlike))
         return [(alike, kinds - 1), (unlike, size * (size + 1) // 2 - 1)]
 
     def _noise_shape(self, shape: FloatArray) -> FloatArray:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.by_pose import of_volume_one
+from ronnaplan.robot.by_pose_likelihood import of_volume_one
 
 SLIP_SDS = 6.0
 """What is longer than this many robust standard deviations (per axis) is far off."""

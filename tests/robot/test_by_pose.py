@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
+from threadpoolctl import ThreadpoolController
 
 from ronnaplan.pose import Pose, invert
+from ronnaplan.robot import by_pose
 from ronnaplan.robot.hand_eye import calibrate_hand_eye
 from tests.robot.test_orientation import matrix
 
@@ -207,3 +209,18 @@ def test_an_arm_that_sags_is_told_and_counted() -> None:
         told.append(any("depend on the robot's pose" in doubt for doubt in found.doubts))
     assert told == [True] * 4
     assert np.mean(of_base) < 3
+
+
+def test_hand_eye_keeps_no_other_core_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    threads: list[int] = []
+    libraries = ThreadpoolController()
+    fields = by_pose.judged
+
+    def judged(*told: Any) -> Any:
+        threads.extend(one["num_threads"] for one in libraries.select(user_api="blas").info())
+        return fields(*told)
+
+    monkeypatch.setattr(by_pose, "judged", judged)
+    with libraries.limit(limits=2, user_api="blas"):
+        calibrate_hand_eye(*recorded(np.random.default_rng(0), 12)[:2])
+    assert set(threads) == {1}
