@@ -13,6 +13,7 @@ from ronnaplan.cohort.index import ASIDE, Index
 from ronnaplan.cohort.listing import NESTED
 from ronnaplan.cohort.summary import Row, Summary, scanner_of, summarize
 from ronnaplan.cohort.tables import MARKERS, SERIES, series_rows
+from ronnaplan.ct.limits import MIB
 from ronnaplan.documents.files import write_atomically
 from ronnaplan.report.html import box, element, link, page, picture, section, table
 from ronnaplan.text import NOTICE, counted, printable
@@ -53,9 +54,7 @@ def _numbers(index: Index, summary: Summary) -> list[str]:
     parts = [table([], rows)]
     if count:
         told = f"A series took {seconds:.1f} s of one process on average"
-        parts.append(
-            element("p", f"{told}, the largest {peak / 2**20:.0f} MiB of memory." if peak else f"{told}.")
-        )
+        parts.append(element("p", f"{told}, the largest {peak / MIB:.0f} MiB of memory." if peak else f"{told}."))
     parts.append(f"<p>Tables: {link(SERIES, SERIES)}, {link(MARKERS, MARKERS)}</p>")
     found = [section("Series", parts)]
     if summary.states[ASIDE]:

@@ -14,10 +14,10 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Protocol
 
+from ronnaplan.ct.limits import MIB
 from ronnaplan.errors import NO_ROOM, RonnaplanError, UnwrittenError
 from ronnaplan.jobs.processes import end_with_parent
 
-MIB = 1 << 20
 DONE, REFUSED, BROKEN = "done", "refused", "broken"
 """How a job ends: with answers, with a reason that no second attempt would change, or by a fault."""
 

@@ -9,11 +9,11 @@ from typing import Any
 
 from pynetdicom import AE
 
+from ronnaplan.ct.limits import MIB
 from ronnaplan.errors import InputError
 from ronnaplan.node.companions import taken
 from ronnaplan.node.config import Config, Peer
 from ronnaplan.node.receiver import is_at
-from ronnaplan.node.store import MIB
 from ronnaplan.node.tls import context
 from ronnaplan.node.transport import LARGEST_PDU, PENDING_PER_ASSOCIATION, Server, set_up_pynetdicom
 

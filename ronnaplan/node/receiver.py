@@ -14,6 +14,7 @@ from typing import Any, Final
 from pynetdicom import AE, evt
 from pynetdicom.association import Association
 
+from ronnaplan.ct.limits import MIB
 from ronnaplan.errors import InputError
 from ronnaplan.node.audit import Audit, Instances
 from ronnaplan.node.classes import CLASSES, COMPANIONS, RARER_COMPANIONS, SYNTAXES
@@ -24,7 +25,7 @@ from ronnaplan.node.logs import LISTENING, Log
 from ronnaplan.node.services import Services
 from ronnaplan.node.spool import Spool
 from ronnaplan.node.steps import PROCEDURE_STEP
-from ronnaplan.node.store import MIB, Arrival, Status, Store
+from ronnaplan.node.store import Arrival, Status, Store
 from ronnaplan.node.storing import Request
 from ronnaplan.node.tls import context
 from ronnaplan.node.transport import (

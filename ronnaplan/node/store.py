@@ -19,6 +19,7 @@ from enum import IntEnum
 from pathlib import Path
 from typing import NamedTuple
 
+from ronnaplan.ct.limits import MIB
 from ronnaplan.node.audit import Audit
 from ronnaplan.node.facts import Facts
 from ronnaplan.node.index import Index
@@ -29,7 +30,6 @@ from ronnaplan.portable import replace, sync_folder
 INCOMING, INSTANCES, ASIDE = "incoming", "instances", "aside"
 LARGEST_GROUP = 64
 """So many instances at most are made safe together, by one sync of each folder and one of the index."""
-MIB = 1 << 20
 IDLE_S = 1.0
 """How long is waited for an arrival, or its answer, before it is looked whether there is something else to do."""
 HASH_LETTERS = 16

@@ -10,6 +10,7 @@ from html import escape
 from pathlib import Path
 from typing import Any, Final
 
+from ronnaplan.ct.limits import MIB
 from ronnaplan.node.index import Index
 from ronnaplan.text import NOTICE, counted
 
@@ -122,7 +123,7 @@ def _series_row(*row: Any) -> list[str]:
         called,
         description,
         instances if expected is None else f"{instances} of {expected}",
-        f"{size / (1 << 20):.1f}",
+        f"{size / MIB:.1f}",
         "yes" if complete else "",
     )
     return [

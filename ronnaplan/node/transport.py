@@ -21,12 +21,13 @@ from pynetdicom.fsm import AA_4
 from pynetdicom.presentation import PresentationContext
 from pynetdicom.transport import AssociationSocket, RequestHandler, ThreadedAssociationServer
 
+from ronnaplan.ct.limits import MIB
 from ronnaplan.node.storing import CLOSED, Storage, Storing
 from ronnaplan.node.waking import LONGEST_SLEEP_S, Bell, let_sleep
 
 LARGEST_PDU = 128 << 10
 """Bytes of a P-DATA PDU, as offered to peers; dcmtk's largest."""
-LARGEST_REQUEST = 1 << 20
+LARGEST_REQUEST = MIB
 """Bytes of any other PDU: 128 presentation contexts take some tens of kilobytes."""
 PENDING_PER_ASSOCIATION = 2
 """Connections open at one time for each association that may be: those above the limit are told so."""

@@ -18,7 +18,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ronnaplan.geometry import FloatArray, rms_mm
+from ronnaplan.geometry import FloatArray, axes_across, rms_mm
 from ronnaplan.robot.stereo.board import grid_mm
 from ronnaplan.robot.stereo.calibration_fit import (
     CAMERAS,
@@ -78,9 +78,10 @@ class CalibrationErrors:
         across, slopes = [], []
         for camera in (rig.left, rig.right):
             away = center_mm - camera.center_mm
-            axes = np.linalg.svd(away[None])[2][1:].T
-            across.append(axes)
-            slopes.append(axes.T / np.linalg.norm(away))
+            distance_mm = np.linalg.norm(away)
+            axes = axes_across(away / distance_mm)
+            across.append(axes.T)
+            slopes.append(axes / distance_mm)
         gain = np.linalg.pinv(np.concatenate(slopes))
         return np.asarray(gain @ self.of_places(rig, center_mm, across, radius_mm) @ gain.T)
 
