@@ -17,7 +17,6 @@ SLIPPED = rigid(exponential(np.radians([0.0, 1.0, 0.5])), np.array([2.0, 0, 2]))
 def test_what_moved_partway_is_told_from_its_first_pose_on(first: int, of_tool: bool) -> None:
     """The poses agreed to 0.6 degrees and 2 mm RMS, which the document told, and nothing else."""
     seen, driven, *_ = hand_eye_poses(7, 40, 1e-3, 0.2)
-    assert calibrate_hand_eye(seen, driven).step is None
     if of_tool:
         seen[first:] = seen[first:] @ SLIPPED
     else:
@@ -41,7 +40,8 @@ def test_what_moved_so_far_that_all_is_refused_is_told_as_well() -> None:
 @pytest.mark.parametrize("walks", [False, True])
 def test_noise_and_drift_are_no_movement(walks: bool) -> None:
     """They leave much whatever step is taken from them."""
-    for seed in range(10):
+    assert calibrate_hand_eye(*hand_eye_poses(7, 40, 1e-3, 0.2)[:2]).step is None
+    for seed in range(5):
         seen, driven, *_ = hand_eye_poses(seed, 40, 1e-3, 0.2)
         rng = np.random.default_rng(seed)
         drift = np.linspace(-1, 1, 40)[:, None] * np.array([3.0, 0, 1])

@@ -118,7 +118,7 @@ def test_poses_that_are_both_the_other_way_round_are_refused() -> None:
 @pytest.mark.parametrize("memory", [0.0, 0.9])
 def test_hand_eye_states_its_own_error_whatever_the_noises_memory(memory: float) -> None:
     squares = []
-    for seed in range(16):
+    for seed in range(8):
         seen, driven, m_from_tcp, robot_from_ots = hand_eye_poses(seed, 60, 0.0, 0.0)
         white = np.random.default_rng(seed).normal(size=(200, 6)) * np.repeat([1e-3, 0.2], 3)
         noise = lfilter([np.sqrt(1 - memory**2)], [1, -memory], white, axis=0)[-len(seen) :]
@@ -128,7 +128,7 @@ def test_hand_eye_states_its_own_error_whatever_the_noises_memory(memory: float)
         for pose, truth in ((found.m_from_tcp, m_from_tcp), (found.robot_from_ots, robot_from_ots)):
             error = pose.translation_mm - truth[:3, 3]
             squares.append(error @ np.linalg.solve(pose.point_covariances([[0, 0, 0]])[0], error))
-    assert 0.65 < np.mean(squares) / 3 < 1.4
+    assert 0.6 < np.mean(squares) / 3 < 1.5  # one standard deviation of the mean: 0.2
     assert found.rotation_rms_deg == pytest.approx(np.degrees(1e-3 * np.sqrt(3)), rel=0.3)
 
 
@@ -189,7 +189,7 @@ def test_hand_eye_under_a_steady_drift_states_its_own_error(in_tool: bool) -> No
     """Of R from OTS it was stated up to a hundred times too large; true is what holds in the recording's middle."""
     squares = []
     time = np.linspace(-1, 1, 100)[:, None]
-    for seed in range(200, 230):
+    for seed in range(200, 212):
         seen, driven, m_from_tcp, robot_from_ots = hand_eye_poses(seed, 100, 0.0, 0.0)
         rng = np.random.default_rng(seed)
         errors = (rng.normal(size=(100, 6)) + 2 * time * rng.normal(size=6)) * np.repeat([1e-3, 0.2], 3)
@@ -201,7 +201,7 @@ def test_hand_eye_under_a_steady_drift_states_its_own_error(in_tool: bool) -> No
             off = truth @ invert(pose.matrix)
             error = np.append(Rotation.from_matrix(off[:3, :3]).as_rotvec(), off[:3, 3])
             squares.append(error @ np.linalg.solve(pose.covariance, error) / 6)
-    assert 0.6 < np.mean(squares[::2]) < 1.4  # M from TCP; one standard deviation of the mean: 0.12
+    assert 0.6 < np.mean(squares[::2]) < 1.4  # M from TCP; one standard deviation of the mean: 0.17
     assert 0.6 < np.mean(squares[1::2]) < 1.4  # R from OTS
 
 
@@ -220,7 +220,7 @@ def test_many_poses_beat_one() -> None:
 def test_hand_eye_of_few_poses_states_its_own_error() -> None:
     """Drifts can follow four poses almost anywhere; what is left does not say how well they are known."""
     squares = []
-    for seed in range(40):
+    for seed in range(20):
         seen, driven, m_from_tcp, _ = hand_eye_poses(seed, 4, 1e-3, 0.2)
         found = calibrate_hand_eye(seen, driven).m_from_tcp
         off = m_from_tcp @ invert(found.matrix)
