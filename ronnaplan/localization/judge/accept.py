@@ -197,10 +197,12 @@ def _coverage(evidence: Evidence) -> str | None:
 
 
 def _free(evidence: Evidence) -> str | None:
-    verdict = evidence.verdict
+    fit, verdict = evidence.fit, evidence.verdict
     attached = verdict.attached_share
-    bright_hu = face_hu(verdict.excess_hu, evidence.fit.contrast_hu)
-    allowed = max(MAX_ATTACHED, share_on_skin(evidence.fit.theta, bright_hu) + SKIN_MARGIN)
+    # Of a ball that is at the scale's end itself nobody knows whether what it touches is brighter.
+    end_hu = math.inf if fit.is_clipped else fit.ceiling_hu - float(fit.theta[BACKGROUND])
+    bright_hu = face_hu(verdict.excess_hu, fit.contrast_hu, end_hu)
+    allowed = max(MAX_ATTACHED, share_on_skin(fit.theta, bright_hu) + SKIN_MARGIN)
     if attached > allowed:
         return f"{attached:.0%} of its surface is attached to something as bright, {allowed:.0%} allowed"
     ragged = MAX_RAGGED + RAGGED_WIDTH * _thickness_beyond(evidence)

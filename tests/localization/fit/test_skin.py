@@ -58,6 +58,22 @@ def test_a_ball_of_plastic_is_found_flush_on_the_face_of_what_is_brighter(materi
     assert FiducialFlag.NEIGHBOUR in found[0].flags
 
 
+def test_a_ball_of_plastic_is_found_flush_on_steel_of_which_the_scale_shows_the_fifth_part() -> None:
+    face = Part(box((1.0, -6.0, 3.0), (30.0, 8.0, 12.0)), "steel")
+    ball = Part(sphere((1.0, 2.0, 3.0), 8.0), "acrylic")
+    whole = scan(Scene((face, ball)), small_stack(), blur_mm=0.35)
+    found = localize(replace(whole, voxels_hu=np.minimum(whole.voxels_hu, np.int16(3071))), diameter_mm=8.0)
+    assert len(found) == 1
+    assert np.linalg.norm(found[0].center_mm - [1.0, 2.0, 3.0]) < 0.02
+    assert FiducialFlag.NEIGHBOUR in found[0].flags
+
+
+def test_a_face_at_the_end_of_the_scale_may_be_brighter_than_it_reads() -> None:
+    excess_hu = np.r_[np.zeros(160), np.full(40, 4000.0)]
+    assert face_hu(excess_hu, 1000.0, 4071.0) > 12_000.0
+    assert face_hu(excess_hu, 1000.0, 5000.0) == 4000.0
+
+
 def test_what_stands_on_two_sides_alike_is_no_skin() -> None:
     fit = fit_place(Scan(scan(balls([(1.0, 2.0, 3.0)]), small_stack())), np.array([1.0, 2.0, 3.0]), 11.5)
     heights = cell_directions()[:, 2]
