@@ -11,7 +11,7 @@ import numpy as np
 from phantoms.compiled import compiled, parallel_range
 from phantoms.materials import material
 from phantoms.profiles import Profile
-from phantoms.rays import PackedSolids, pack, to_unit, unit_interval, visible_segments
+from phantoms.rays import PackedSolids, pack, put_unit, put_unit_place, unit_interval, visible_segments
 from phantoms.scene import Scene
 from phantoms.solids import FloatArray
 from phantoms.stack import SliceStack
@@ -107,14 +107,20 @@ def _average_row(
     count = len(packed.shapes)
     starts, stops, parts = np.empty(count), np.empty(count), np.empty(count, dtype=np.int64)
     edges, owners = np.empty(2 * count), np.empty(2 * count, dtype=np.int64)
+    directions, o = np.empty((count, 3)), np.empty(3)
+    for n in range(count):
+        put_unit(packed.unit_from_world[n], normal, directions[n])
+    lowest, highest = positions[0] - reach, positions[-1] + reach
     for place in range(len(voxels) * raster * raster):
         column, sample = place // (raster * raster), place % (raster * raster)
         v, u = (sample // raster + 0.5) / raster - 0.5, column + (sample % raster + 0.5) / raster - 0.5
         origin = corner + v * row_step + u * column_step
         hits = 0
         for n in range(count):
-            if _passes_near(packed.centers_mm[n], packed.radii_mm[n], origin, normal):
-                t0, t1 = _interval(packed, n, origin, normal)
+            if _passes_near(packed.centers_mm[n], packed.radii_mm[n], origin, normal, lowest, highest):
+                d = directions[n]
+                put_unit_place(packed.unit_from_world[n], origin, o)
+                t0, t1 = unit_interval(packed.shapes[n], o[0], o[1], o[2], d[0], d[1], d[2], packed.top_ratios[n])
                 if t1 > t0:
                     starts[hits], stops[hits], parts[hits] = t0, t1, n
                     hits += 1
@@ -125,20 +131,17 @@ def _average_row(
 
 
 @compiled()
-def _interval(packed: PackedSolids, n: int, origin: FloatArray, normal: FloatArray) -> tuple[float, float]:
-    affine = packed.unit_from_world[n]
-    o, d = to_unit(affine, origin) + affine[:, 3], to_unit(affine, normal)
-    return unit_interval(packed.shapes[n], o[0], o[1], o[2], d[0], d[1], d[2], packed.top_ratios[n])
-
-
-@compiled()
-def _passes_near(center: FloatArray, radius: float, origin: FloatArray, direction: FloatArray) -> bool:
-    """Whether a ray along a unit ``direction`` meets the ball about a solid."""
+def _passes_near(
+    center: FloatArray, radius: float, origin: FloatArray, direction: FloatArray, lowest: float, highest: float
+) -> bool:
+    """Whether a ray along a unit ``direction`` meets the ball about a solid between ``lowest`` and ``highest``."""
     along, distance = 0.0, 0.0
     for axis in range(3):
         offset = center[axis] - origin[axis]
         along += offset * direction[axis]
         distance += offset * offset
+    if along + radius < lowest or along - radius > highest:
+        return False
     return distance - along * along <= radius * radius
 
 
@@ -152,11 +155,17 @@ def _deposit(
     stop: float,
     weight: float,
 ) -> None:
-    """Share the segment ``start`` to ``stop`` among the slices that see it."""
-    first = np.searchsorted(positions, start - reach)
-    for k in range(first, len(positions)):
-        if positions[k] - reach >= stop:
-            break
+    """Share the segment ``start`` to ``stop`` among the slices that see it; most see nothing else."""
+    first, last = np.searchsorted(positions, start - reach), np.searchsorted(positions, stop + reach)
+    inside = min(np.searchsorted(positions, start + reach), last)
+    beyond = max(np.searchsorted(positions, stop - reach), inside)
+    whole = weight * (_area(areas, reach, reach) - _area(areas, reach, -reach))
+    for k in range(inside, beyond):
+        voxels[k] += whole
+    for k in range(first, inside):
+        seen = _area(areas, reach, stop - positions[k]) - _area(areas, reach, start - positions[k])
+        voxels[k] += weight * seen
+    for k in range(beyond, last):
         seen = _area(areas, reach, stop - positions[k]) - _area(areas, reach, start - positions[k])
         voxels[k] += weight * seen
 

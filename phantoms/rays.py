@@ -117,14 +117,6 @@ def unit_interval(
 
 
 @compiled()
-def to_unit(affine: FloatArray, direction: FloatArray) -> FloatArray:
-    """Return the unit coordinates of a direction under an affine map (3, 4); a place adds ``affine[:, 3]``."""
-    turned = np.empty(3)
-    put_unit(affine, direction, turned)
-    return turned
-
-
-@compiled()
 def put_unit(affine: FloatArray, direction: FloatArray, turned: FloatArray) -> None:
     """Put the unit coordinates of a direction into ``turned`` (3,)."""
     for n in range(3):

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from phantoms.attenuation import Matter
 from phantoms.cone_rays import Panel, Views, cone_transmission
 from phantoms.projection import Detector, transmission
-from phantoms.rays import pack, to_unit, unit_interval, visible_segments
+from phantoms.rays import pack, unit_interval, visible_segments
 from phantoms.solids import FloatArray, Solid, box, cone, cylinder, ellipsoid, half_space, sphere
 
 TURN = Rotation.from_euler("xyz", [0.3, 0.5, 1.0]).as_matrix()
@@ -33,7 +33,7 @@ def depth(origin: FloatArray, direction: FloatArray, nearest: float, farthest: f
     starts, stops, owned = [], [], []
     for n, solid in enumerate(SOLIDS):
         affine = solid.unit_from_world
-        o, d = to_unit(affine, origin) + affine[:, 3], to_unit(affine, direction)
+        o, d = affine[:, :3] @ origin + affine[:, 3], affine[:, :3] @ direction
         t0, t1 = unit_interval(int(solid.shape), o[0], o[1], o[2], d[0], d[1], d[2], solid.top_ratio)
         if min(t1, farthest) > max(t0, nearest):
             starts.append(max(t0, nearest))

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from phantoms.rays import to_unit, unit_interval, visible_segments
+from phantoms.rays import unit_interval, visible_segments
 from phantoms.solids import FloatArray, Solid, box, cone, cylinder, ellipsoid, half_space, sphere
 
 SOLIDS = {
@@ -22,7 +22,7 @@ SOLIDS = {
 
 def chord(solid: Solid, origin: FloatArray, direction: FloatArray) -> tuple[float, float]:
     affine = solid.unit_from_world
-    o, d = to_unit(affine, origin) + affine[:, 3], to_unit(affine, direction)
+    o, d = affine[:, :3] @ origin + affine[:, 3], affine[:, :3] @ direction
     return unit_interval(int(solid.shape), o[0], o[1], o[2], d[0], d[1], d[2], solid.top_ratio)
 
 
