@@ -7,9 +7,10 @@ unnoticed. Places are moved one at a time, from many starts, to where the lesser
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import permutations
+from itertools import combinations, permutations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -282,6 +283,6 @@ def _improved(holes_mm: FloatArray, bridge: Bridge, rng: np.random.Generator) ->
 
 def _apart(holes_mm: FloatArray, bridge: Bridge) -> bool:
     least = bridge.marker_diameter_mm + bridge.clearance_mm
-    one, other = np.triu_indices(len(holes_mm), k=1)
-    flat, bent = (np.linalg.norm(at[one] - at[other], axis=1) for at in (holes_mm, bridge.centers_mm(holes_mm)))
-    return bool(bent.min() >= least and flat.min() >= 2 * bridge.pad_radius_mm)
+    places = holes_mm, bridge.centers_mm(holes_mm)
+    flat, bent = (min(math.dist(*two) for two in combinations(at.tolist(), 2)) for at in places)
+    return bent >= least and flat >= 2 * bridge.pad_radius_mm
