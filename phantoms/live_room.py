@@ -12,6 +12,7 @@ import sys
 import time
 from argparse import ArgumentParser
 from collections.abc import Iterable, Iterator
+from copy import copy
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -58,7 +59,7 @@ class LiveRoom:
         ots_from_base = (
             np.linalg.inv(self.tracker_moved) @ self.base_moved @ np.linalg.inv(self.session.robot_from_ots)
         )
-        moved = replace(self.session, rng=self.session.rng)
+        moved = copy(self.session)  # with the same noise
         moved.robot_from_ots = np.linalg.inv(ots_from_base)
         return moved.tracked(self.robot_from_tcp)
 

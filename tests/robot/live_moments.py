@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +41,7 @@ def live(room: LiveRoom, **options: object) -> LiveChain:
         ct, head.positions_mm, (0.01 * spread, spread), moving_frame=scan, fixed_frame=OTS
     )
     tool = Points(M_SPHERES_MM, np.tile(0.01**2 * np.eye(3), (4, 1, 1)), tuple("ABCD"), M)
-    still = replace(recording(room), tools=tuple(one for one in recording(room).tools if one.tool == "tool"))
+    still = recording(room, robot=False)
     calibrated = Pose(session.m_from_tcp, np.diag([3e-4**2] * 3 + [0.1**2] * 3), M, TCP)
     capture = Capture(
         seen_tool(still, tool, sigma_mm=READING_SD_MM), calibrated, robot_pose(session.told(room.robot_from_tcp))

@@ -134,13 +134,14 @@ def test_the_live_pose_is_right_within_its_covariance_wherever_the_arm_stands(ro
 def test_a_resting_room_is_called_valid_and_its_robots_chances_are_even(room: LiveRoom) -> None:
     """With the arm where it was and one frame a moment, the chances stated are those of errors as stated."""
     chances = []
-    for _ in range(150):
+    for _ in range(50):
         chain = live(room)
         moment = chain.judge(recording(room, frames=1))
         assert moment.status is LiveStatus.VALID
         assert moment.robot is not None
         chances.append(moment.robot.probability)
-    assert np.mean(np.array(chances) > 0.5) > 0.5  # errors are overstated: averaged looks, robot counted twice
+    # errors are overstated (averaged looks, robot counted twice): 0.83, and 0.6 with covariances 1.5 times too small
+    assert np.mean(np.array(chances) > 0.5) > 0.65
     assert min(chances) > 1e-4
 
 
