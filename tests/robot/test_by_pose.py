@@ -74,13 +74,13 @@ def recorded(
 def test_joints_whose_zeros_are_off_are_told_and_counted(off_deg: float) -> None:
     """M had a normalized error of 16 and R of 50, with nothing but a larger RMS to tell."""
     of_tool, of_base, told = [], [], []
-    for seed in range(4):
+    for seed in range(2):
         seen, driven, m_from_tcp, robot_from_ots = recorded(np.random.default_rng(seed), 40, off_deg)
         found = calibrate_hand_eye(seen, driven)
         of_tool.append(normalized(found.m_from_tcp, m_from_tcp))
         of_base.append(normalized(found.robot_from_ots, robot_from_ots))
         told.append(any("depend on the robot's pose" in doubt for doubt in found.doubts))
-    assert told == [off_deg > 0] * 4
+    assert told == [off_deg > 0] * 2
     assert np.mean(of_tool) < 5
     assert np.mean(of_base) < 1.5
 
@@ -89,7 +89,7 @@ def test_joints_whose_zeros_are_off_are_told_and_counted(off_deg: float) -> None
 def test_distances_of_the_tracker_that_are_wrong_are_told_by_how_much_and_counted(scale: float) -> None:
     """R, a meter and more from the tracker, was put 2 mm and more aside, with 0.1 stated."""
     of_base = []
-    for seed in range(4):
+    for seed in range(2):
         seen, driven, _, robot_from_ots = recorded(np.random.default_rng(seed), 40, scale=scale)
         found = calibrate_hand_eye(seen, driven)
         of_base.append(normalized(found.robot_from_ots, robot_from_ots))
@@ -106,13 +106,13 @@ def test_distances_of_the_tracker_that_are_wrong_are_told_by_how_much_and_counte
 def test_no_shape_or_memory_of_the_trackers_noise_hides_a_scale(noise: dict[str, Any], scale: float) -> None:
     """R was 2 mm aside and more, with 0.3 mm stated and nothing told: the noise was said to have the field's shape."""
     of_tool, of_base, told = [], [], []
-    for seed in range(4):
+    for seed in range(2):
         seen, driven, m_from_tcp, robot_from_ots = recorded(np.random.default_rng(seed), 80, scale=scale, **noise)
         found = calibrate_hand_eye(seen, driven)
         of_tool.append(normalized(found.m_from_tcp, m_from_tcp))
         of_base.append(normalized(found.robot_from_ots, robot_from_ots))
         told.append(found.by_pose.of_scale > 0.99)
-    assert told == [scale > 1] * 4
+    assert told == [scale > 1] * 2
     assert 0.3 < np.mean(of_tool) < 2
     assert 0.3 < np.mean(of_base) < 2
 
@@ -142,7 +142,7 @@ def test_rotations_that_err_about_one_axis_of_the_tool_alone_tell_no_scale(seed:
 def test_rotations_without_errors_hide_no_scale(rotation_sd_deg: float) -> None:
     """R was put 2 mm aside and more, with 0.1 mm stated and nothing told: kinds of noise were judged by round-off."""
     of_base = []
-    for seed in range(4):
+    for seed in range(2):
         rng = np.random.default_rng(seed)
         seen, driven, _, robot_from_ots = recorded(rng, 40, scale=1.002, rotation_sd_deg=rotation_sd_deg)
         found = calibrate_hand_eye(seen, driven)
@@ -168,7 +168,7 @@ def test_a_small_tool_that_shows_turns_far_worse_than_places_is_stated_with_no_m
 def test_a_tool_that_swings_about_its_tip_tells_no_scale_which_is_counted(scale: float) -> None:
     """Only noise is left of its places: distances were said to be 99 % too long, which leaves none of it."""
     of_base = []
-    for seed in range(4):
+    for seed in range(2):
         rng = np.random.default_rng(seed)
         turns, noise = (Rotation.from_rotvec(rng.normal(size=(100, 3)) * np.radians(one)) for one in (20, 0.06))
         driven, m_from_tcp, robot_from_ots = (matrix(rng, reach) for reach in (500, 100, 1000))
@@ -202,12 +202,12 @@ def test_a_robot_noisier_than_its_tracker_that_swings_a_tool_about_its_tip_tells
 def test_an_arm_that_sags_is_told_and_counted() -> None:
     """Its fields of any cause have so many numbers that half of such recordings told nothing."""
     of_base, told = [], []
-    for seed in range(4):
+    for seed in range(2):
         seen, driven, _, robot_from_ots = recorded(np.random.default_rng(seed), 100, sag_deg=0.15)
         found = calibrate_hand_eye(seen, driven)
         of_base.append(normalized(found.robot_from_ots, robot_from_ots))
         told.append(any("depend on the robot's pose" in doubt for doubt in found.doubts))
-    assert told == [True] * 4
+    assert told == [True] * 2
     assert np.mean(of_base) < 3
 
 

@@ -189,7 +189,7 @@ def test_hand_eye_under_a_steady_drift_states_its_own_error(in_tool: bool) -> No
     """Of R from OTS it was stated up to a hundred times too large; true is what holds in the recording's middle."""
     squares = []
     time = np.linspace(-1, 1, 100)[:, None]
-    for seed in range(200, 212):
+    for seed in range(200, 208):
         seen, driven, m_from_tcp, robot_from_ots = hand_eye_poses(seed, 100, 0.0, 0.0)
         rng = np.random.default_rng(seed)
         errors = (rng.normal(size=(100, 6)) + 2 * time * rng.normal(size=6)) * np.repeat([1e-3, 0.2], 3)
@@ -201,8 +201,8 @@ def test_hand_eye_under_a_steady_drift_states_its_own_error(in_tool: bool) -> No
             off = truth @ invert(pose.matrix)
             error = np.append(Rotation.from_matrix(off[:3, :3]).as_rotvec(), off[:3, 3])
             squares.append(error @ np.linalg.solve(pose.covariance, error) / 6)
-    assert 0.6 < np.mean(squares[::2]) < 1.4  # M from TCP; one standard deviation of the mean: 0.17
-    assert 0.6 < np.mean(squares[1::2]) < 1.4  # R from OTS
+    assert 0.6 < np.mean(squares[::2]) < 1.5  # M from TCP; one standard deviation of the mean: 0.2
+    assert 0.6 < np.mean(squares[1::2]) < 1.5  # R from OTS
 
 
 def test_many_poses_beat_one() -> None:
@@ -220,13 +220,13 @@ def test_many_poses_beat_one() -> None:
 def test_hand_eye_of_few_poses_states_its_own_error() -> None:
     """Drifts can follow four poses almost anywhere; what is left does not say how well they are known."""
     squares = []
-    for seed in range(20):
+    for seed in range(10):
         seen, driven, m_from_tcp, _ = hand_eye_poses(seed, 4, 1e-3, 0.2)
         found = calibrate_hand_eye(seen, driven).m_from_tcp
         off = m_from_tcp @ invert(found.matrix)
         error = np.append(Rotation.from_matrix(off[:3, :3]).as_rotvec(), off[:3, 3])
         squares.append(error @ np.linalg.solve(found.covariance, error) / 6)
-    assert 0.25 < np.mean(squares) < 1.5
+    assert 0.25 < np.mean(squares) < 1.0  # 0.31: with caution
 
 
 def test_unusable_calibrations_are_named() -> None:

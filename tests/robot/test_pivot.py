@@ -95,14 +95,14 @@ def test_the_error_is_as_large_as_stated_whatever_the_noises_memory(kind: str, i
     """Squared error over stated covariance, one expected per axis; in the tool's axes, too, where long tools err."""
     rng = np.random.default_rng(21)
     squares = []
-    for _ in range(40):
+    for _ in range(20):
         poses = recording(0, 200, noise_mm=0.0)
         noise = noisy(kind, rng, len(poses))
         poses[:, :3, 3] += np.einsum("nij,nj->ni", poses[:, :3, :3], noise) if in_tool else noise
         found = calibrate_pivot(poses)
         error = found.tip_mm - TIP
         squares.append(error @ np.linalg.solve(found.tip_covariance_mm2, error))
-    assert 0.65 < np.mean(squares) / 3 < 1.55  # one standard deviation of the mean: 0.13
+    assert 0.6 < np.mean(squares) / 3 < 1.6  # one standard deviation of the mean: 0.18
 
 
 @pytest.mark.parametrize(("kind", "in_tool"), [("walking", False), ("drifting", False), ("drifting", True)])
@@ -111,7 +111,7 @@ def test_the_error_is_as_large_as_stated_where_orientations_wander_and_drift(kin
     rng = np.random.default_rng(23)
     exact = recording(0, 100, noise_mm=0.0)
     squares = []
-    for _ in range(30):
+    for _ in range(15):
         poses, place = exact.copy(), noisy(kind, rng, 100)
         turns = Rotation.from_rotvec(noisy(kind, rng, 100) / 150.0).as_matrix()
         poses[:, :3, 3] += np.einsum("nij,nj->ni", exact[:, :3, :3], place) if in_tool else place
@@ -119,7 +119,7 @@ def test_the_error_is_as_large_as_stated_where_orientations_wander_and_drift(kin
         found = calibrate_pivot(poses)
         error = found.tip_mm - TIP
         squares.append(error @ np.linalg.solve(found.tip_covariance_mm2, error))
-    assert 0.5 < np.mean(squares) / 3 < 1.3  # one standard deviation of the mean: 0.15
+    assert 0.5 < np.mean(squares) / 3 < 1.4  # one standard deviation of the mean: 0.21
 
 
 @pytest.mark.parametrize("count", [60, 100])
@@ -128,7 +128,7 @@ def test_the_error_of_a_short_recording_is_as_large_as_stated_where_a_filter_smo
     rng = np.random.default_rng(24)
     exact = recording(0, count, noise_mm=0.0)
     squares = []
-    for _ in range(30):
+    for _ in range(20):
         poses, memory = exact.copy(), np.exp(-1 / 7)
         smooth = lfilter(
             [(1 - memory) ** 2], [1, -2 * memory, memory**2], rng.normal(size=(count + 100, 3)), axis=0
@@ -137,7 +137,7 @@ def test_the_error_of_a_short_recording_is_as_large_as_stated_where_a_filter_smo
         found = calibrate_pivot(poses)
         error = found.tip_mm - TIP
         squares.append(error @ np.linalg.solve(found.tip_covariance_mm2, error))
-    assert 0.5 < np.mean(squares) / 3 < 1.7
+    assert 0.5 < np.mean(squares) / 3 < 1.6  # one standard deviation of the mean: 0.18
 
 
 def test_halves_of_a_recording_with_an_uneven_long_memory_agree() -> None:
