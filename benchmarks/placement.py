@@ -22,7 +22,7 @@ from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.placement.clearances import place_trolley, posture_margins
 from ronnaplan.robot.placement.job import Job
 from ronnaplan.robot.placement.parking import probability
-from ronnaplan.robot.placement.placement import COARSE, FINE, find_places
+from ronnaplan.robot.placement.placement import CLOSER, COARSE, FINE, find_places
 from ronnaplan.robot.placement.room import Floor, Parking
 from ronnaplan.robot.placement.search import Problem, base_pose, refine, serves, worths
 from ronnaplan.robot.placement.serving import serve
@@ -85,7 +85,7 @@ def main() -> None:
 def one_case(seed: int, wanted: int, tries: int, draws: int) -> Case:
     """Return, and print, what becomes of a random case."""
     given, rng = job(seed, 16, 8, floor=FLOOR), np.random.default_rng(seed)
-    coarse = given.problem(COARSE)
+    coarse, fine = given.problem(COARSE), given.problem(FINE)
     processor = time.process_time()
     found = find_places(given)
     processor = time.process_time() - processor
@@ -106,7 +106,9 @@ def one_case(seed: int, wanted: int, tries: int, draws: int) -> Case:
         strayed = np.tile(there, (draws, 1))
         strayed[:, [0, 1]] += rng.normal(0.0, parking.sigma_mm, (draws, 2))
         strayed[:, 3] += rng.normal(0.0, parking.sigma_deg, draws)
-        off.append(probability(coarse, there, parking) - float(serves(coarse, strayed).mean()))
+        served = serves(coarse, strayed)
+        served[~served] = serves(fine, strayed[~served])
+        off.append(probability(coarse, given.problem(CLOSER), there, parking) - float(served.mean()))
     told = Case(
         processor,
         best.worst_joint_deg,

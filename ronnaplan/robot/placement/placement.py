@@ -33,8 +33,10 @@ from ronnaplan.threads import in_threads
 
 COARSE = Fineness(24, 60.0)
 """What bases are searched with."""
-FINE = Fineness(48, 5.0)
+FINE = Fineness(72, 5.0)
 """What is told of a base is measured with; the search's rolls are among these: what serves there serves here."""
+CLOSER = replace(COARSE, rolls=FINE.rolls)
+"""What is asked of a place near by where the search's rolls do not serve: as many rolls as after parking."""
 PLACES, TRIED = 3, 6
 """The best base and its alternatives; so many are looked at closely until as many have free ways to all tasks."""
 SCATTERED = 16_384
@@ -92,9 +94,10 @@ def find_places(job: Job) -> Placement:
     best = [tops[n] for n in best_apart(tops, values, TRIED)]
     others = alternatives(replace(coarse, taken=tuple(best)), bases, found)
     tried = itertools.islice(itertools.chain(best, others), TRIED)
+    closer = job.problem(CLOSER)
 
     def looked_at(base: FloatArray) -> Place | list[int]:
-        return _place(job, fine, base_pose(base), probability(coarse, base, job.room.parking))
+        return _place(job, fine, base_pose(base), probability(coarse, closer, base, job.room.parking))
 
     places: list[Place] = []
     missing = PLACES

@@ -9,8 +9,8 @@ import pytest
 
 from ronnaplan.robot.placement import tasks
 from ronnaplan.robot.placement.judging import judge_base
-from ronnaplan.robot.placement.parking import probability
-from ronnaplan.robot.placement.placement import COARSE, FINE
+from ronnaplan.robot.placement.parking import probability, strayed
+from ronnaplan.robot.placement.placement import CLOSER, COARSE, FINE
 from ronnaplan.robot.placement.room import Box, Capsule, ToolMarker
 from ronnaplan.robot.placement.search import base_pose, serves, worths
 from ronnaplan.robot.placement.tasks import view_task
@@ -66,14 +66,28 @@ def test_the_probability_that_is_told_is_no_less_for_want_of_sides_to_view_from(
     place, ear_mm = np.array([-853.0, -200.0, 900.0, 36.5]), np.array([-27.3, 87.4, 1045.1])
 
     def told() -> float:
-        problem = given.problem(COARSE, [view_task("M", ear_mm, CENTER_MM, given.room.camera)])
-        return probability(problem, place, given.room.parking, samples=256)
+        view = [view_task("M", ear_mm, CENTER_MM, given.room.camera)]
+        problem, closer = given.problem(COARSE, view), given.problem(CLOSER, view)
+        return probability(problem, closer, place, given.room.parking, samples=256)
 
     found = told()
     monkeypatch.setattr(tasks, "SIDES", 6 * 16)
     assert found > told() - 0.02
     monkeypatch.setattr(tasks, "SIDES", 6)
     assert found > told() + 0.05
+
+
+def test_the_probability_that_is_told_is_that_of_a_robot_that_turns_about_its_axis_as_it_needs_to() -> None:
+    """Of a trajectory that few rolls serve: those of the search miss it from three places in ten."""
+    given, place = job(730007, 16, 8), np.array([-763.3, -200.0, 800.8, 91.5])
+    only = given.tasks[3:4]
+    told = probability(
+        given.problem(COARSE, only), given.problem(CLOSER, only), place, given.room.parking, samples=64
+    )
+    every_third_degree = serves(
+        given.problem(replace(COARSE, rolls=120), only), strayed(place, given.room.parking, 64)
+    )
+    assert told == pytest.approx(every_third_degree.mean(), abs=0.05)
 
 
 def test_who_looks_closely_at_a_base_tries_the_rolls_by_which_the_search_found_it() -> None:
