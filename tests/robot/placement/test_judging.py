@@ -77,17 +77,12 @@ def test_the_probability_that_is_told_is_no_less_for_want_of_sides_to_view_from(
     assert found > told() + 0.05
 
 
-def test_the_probability_that_is_told_is_that_of_a_robot_that_turns_about_its_axis_as_it_needs_to() -> None:
+def test_the_probability_that_is_told_is_that_of_serving_as_is_looked_at_after_parking() -> None:
     """Of a trajectory that few rolls serve: those of the search miss it from three places in ten."""
     given, place = job(730007, 16, 8), np.array([-763.3, -200.0, 800.8, 91.5])
-    only = given.tasks[3:4]
-    told = probability(
-        given.problem(COARSE, only), given.problem(CLOSER, only), place, given.room.parking, samples=64
-    )
-    every_third_degree = serves(
-        given.problem(replace(COARSE, rolls=120), only), strayed(place, given.room.parking, 64)
-    )
-    assert told == pytest.approx(every_third_degree.mean(), abs=0.05)
+    search, closer, after = (given.problem(one, given.tasks[3:4]) for one in (COARSE, CLOSER, FINE))
+    told = probability(search, closer, place, given.room.parking, samples=64)
+    assert told == serves(after, strayed(place, given.room.parking, 64)).mean()
 
 
 def test_who_looks_closely_at_a_base_tries_the_rolls_by_which_the_search_found_it() -> None:
