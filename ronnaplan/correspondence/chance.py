@@ -2,115 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from kernelcache import njit
+from ronnaplan.correspondence.densities import BESIDE_SIGMAS, Densities, odds_of_pairs
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.problem import Problem
 from ronnaplan.correspondence.refining import PAIR_SIGMAS
+from ronnaplan.correspondence.strays import WIDEST, Meetings, sure_pairs
 from ronnaplan.correspondence.weighing import Pose
 from ronnaplan.geometry import FloatArray
-
-ROUNDS = 4
-"""Which points are outliers, and how dense these are, are told from each other so often."""
-
-BESIDE_SIGMAS, LEAST_CROWDED = 15.0, 2.0
-"""How many times as dense as about its neighbors outliers lie beside a marker is told from all markers, within this. It
-counts from twice on: chance, and the edges of a set, make fewer times."""
 
 LEAST_ODDS = 0.01
 """Points compete for partners with which they pair with larger odds than this: others change their probability by less
 than a hundredth each."""
-
-
-class Densities(NamedTuple):
-    """How dense a set lies about each point: its nearest others (n, K), and the volume of the ball (n,) that they fill.
-
-    Twice the square root of their number: fewer know a density too poorly, more know it too far away. ``beside``: how
-    many of them are within `BESIDE_SIGMAS`, and which volume that is.
-    """
-
-    near: IntArray
-    volume_mm3: FloatArray
-    beside: IntArray
-    beside_mm3: FloatArray
-
-    @classmethod
-    def of(cls, points: FloatArray, sigma_mm: float) -> Densities:
-        """Return those of points (n, 3)."""
-        count = min(2 * math.isqrt(len(points)) + 1, len(points))
-        distance, index = map(np.asarray, cKDTree(points).query(points, count))
-        radius = np.maximum(distance[:, -1], PAIR_SIGMAS * sigma_mm)
-        close = np.minimum(radius, BESIDE_SIGMAS * sigma_mm)
-        return cls(
-            np.ascontiguousarray(index[:, 1:], np.int64),
-            4.0 / 3.0 * math.pi * radius**3,
-            (distance[:, 1:] <= close[:, None]).sum(axis=1),
-            4.0 / 3.0 * math.pi * close**3,
-        )
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def density(densities: Densities, share: FloatArray) -> FloatArray:
-    """Return how dense at each point those are that count with ``share`` (n,); their mean counts as one more."""
-    mean, found = (share.sum() + 1.0) / (len(share) + 1.0), np.empty(len(share))
-    for p in range(len(share)):
-        total = mean
-        for q in densities.near[p]:
-            total += share[q]
-        found[p] = total / densities.volume_mm3[p]
-    return found
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def crowding(densities: Densities, share: FloatArray, outliers: FloatArray) -> float:
-    """Return how many times as dense outliers lie beside markers as about these' neighbors; 1 below `LEAST_CROWDED`.
-
-    Points are markers with ``share`` (n,); ``outliers`` (n,) is how dense the outliers lie about each.
-    """
-    seen = expected = 1.0
-    for p in range(len(share)):
-        expected += share[p] * outliers[p] * densities.beside_mm3[p]
-        for a in range(densities.beside[p]):
-            seen += share[p] * (1.0 - share[densities.near[p, a]])
-    return seen / expected if seen > LEAST_CROWDED * expected else 1.0
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def odds_of_pairs(
-    i: IntArray, j: IntArray, likelihood: FloatArray, partner: IntArray, ct: Densities, ots: Densities
-) -> tuple[FloatArray, FloatArray]:
-    """Return the odds (L,) that points ``i`` and ``j`` (L,) are a pair, and the probability of each pair (n,) made.
-
-    Markers of both sets, and the outliers of each, lie with densities of their own: the odds of a pair of the
-    ``likelihood`` N(r; 0, c) (L,), at the distance r, are that times the density of the markers, over the product of
-    the outliers' there.  The densities about each point are taken from its neighbours, which count as outliers with
-    what is left of their own probability; where one set's outliers lie denser beside markers, see `crowding`, both may
-    meet there so much more often.  ``partner`` (n,) tells which pairs are made.
-    """
-    odds, of_ct, of_ots = likelihood.copy(), np.zeros(len(ct.near)), np.zeros(len(ots.near))
-    for p in range(len(partner)):
-        if partner[p] >= 0:
-            of_ct[p] = of_ots[partner[p]] = 1.0
-    for _ in range(ROUNDS):
-        markers, only_ct, only_ots = density(ct, of_ct), density(ct, 1.0 - of_ct), density(ots, 1.0 - of_ots)
-        crowded = max(crowding(ct, of_ct, only_ct), crowding(ots, of_ots, only_ots))
-        at_ct, at_ots = np.zeros(len(of_ct)), np.zeros(len(of_ots))
-        for a in range(len(odds)):
-            odds[a] = likelihood[a] * markers[i[a]] / (crowded * only_ct[i[a]] * only_ots[j[a]])
-            at_ct[i[a]] += odds[a]
-            at_ots[j[a]] += odds[a]
-        of_ct, of_ots = np.zeros(len(of_ct)), np.zeros(len(of_ots))
-        for a in range(len(odds)):
-            if partner[i[a]] == j[a]:
-                of_ct[i[a]] = of_ots[j[a]] = odds[a] / (1.0 + at_ct[i[a]] + at_ots[j[a]] - odds[a])
-    return odds, of_ct
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,8 +81,22 @@ class Chance:
         return cls(problem, *(Densities.of(points, problem.sigma_mm) for points in (problem.ct, problem.ots)))
 
     def pair_probabilities(self, matrix: FloatArray, partner: IntArray) -> FloatArray:
-        """Return the probability of each pair of a pose (3, 4), against outliers that meet and its neighbours."""
+        """Return the probability of each pair of a pose (3, 4) that its body, not chance, brings the two together."""
         return self._meetings(matrix, partner)[3][partner >= 0]
+
+    def sure_pairs(self, matrix: FloatArray, partner: IntArray) -> FloatArray:
+        """Return the probability of each pair of a pose (3, 4) that it is one marker, against `strays` of it, too."""
+        i, j, _, of_body = self._meetings(matrix, partner)
+        problem = self.problem
+        square = ((problem.ots[j] - problem.ct[i] @ matrix[:, :3].T - matrix[:, 3]) ** 2).sum(axis=1)
+        variance = problem.pair_variances(i, j)
+        steps = np.array(BESIDE_SIGMAS[:WIDEST]) * problem.sigma_mm
+        meetings = Meetings(i, j, square / variance, variance, np.searchsorted(steps**2, square))
+        is_made = partner[i] == j
+        paired = sure_pairs(meetings, np.where(is_made, of_body[i], 0.0), self.ct, self.ots, problem.sigma_mm)
+        own = np.zeros(len(partner))
+        own[i[is_made]] = paired[is_made]
+        return own[partner >= 0]
 
     def claims(self, pose: Pose) -> Claims:
         """Return which points a pose pairs, each with any of its neighbours."""

@@ -49,6 +49,10 @@ SCALE_PRIORS = (0.10, 0.55, 0.10, 0.25)
 The weight on four times decides between two harms: with less, three markers whose errors are that large pair wrongly
 more often; with more, three markers with honest errors are refused more often (docs/correspondence.md has both)."""
 
+LEAST_SCALE = 1.5
+"""Errors this many times as large as stated, by the residuals of the best pose, are taken for what they are, and poses
+are sought anew: with errors as stated, pairs of larger ones are lost, and equals are missed."""
+
 ROTATION_PRECISION = 1.0 / (2.0 * math.pi)
 """Added to the information on the rotation (rad^-2): no axis is less certain than a full turn."""
 

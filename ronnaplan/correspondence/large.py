@@ -15,7 +15,7 @@ from ronnaplan.correspondence.bodies import (
     poses_beside,
 )
 from ronnaplan.correspondence.chance import Chance
-from ronnaplan.correspondence.evidence import AS_WELL_SIGMAS, LEAST_OFF_LINE, SCALES, off_one_line
+from ronnaplan.correspondence.evidence import AS_WELL_SIGMAS, LEAST_OFF_LINE, LEAST_SCALE, SCALES, off_one_line
 from ronnaplan.correspondence.lookup import point_grid
 from ronnaplan.correspondence.pairing import (
     LEFT_HANDED,
@@ -35,10 +35,6 @@ from ronnaplan.geometry import FloatArray
 
 MISSED_SHARE = 0.1
 """Poses are sought until an equal of the best is missed with at most this share of the doubt that is allowed."""
-
-LEAST_SCALE = 1.5
-"""Errors this many times as large as stated, by the residuals of the best pose, are taken for what they are, and poses
-are sought anew: with errors as stated, pairs of larger ones are lost, and equals are missed."""
 
 DOUBTED_SCALE = 1.15
 """From here on rivals are sought with such errors, too, and weighed with those that are stated. Of two equal bodies the
@@ -108,7 +104,8 @@ def weighed(views: list[Found], least_probability: float) -> tuple[Pairing, Floa
 def decided(found: Found, others: float, of_pairs: FloatArray, least_probability: float) -> Pairing:
     """Return the pairs of the best pose, or the reason why they are not given.
 
-    ``of_pairs`` are their probabilities, ``others`` the odds of the other poses to the best.
+    ``of_pairs`` are the probabilities that they do not meet by chance, ``others`` the odds of the other poses to the
+    best.
     """
     problem, best, rivals = found.chance.problem, found.poses[0], rivals_of(found.poses)
     beside = odds_of_body_beside(problem, found.poses, of_pairs)
@@ -125,7 +122,8 @@ def decided(found: Found, others: float, of_pairs: FloatArray, least_probability
                 f"missed (probability {found.missed:.2g}); leave out what is no marker, or state known pairs"
             )
         return Pairing.ambiguous(reason, probability, rivals, touch=telling_point(found.poses))
-    certain = of_pairs >= least_probability
+    own = found.chance.sure_pairs(best.matrix, best.partner)
+    certain = own >= least_probability
     given, doubtful = best.pairs[certain], best.pairs[~certain]
     if len(given) < LEAST_PAIRS or odds_of_turn(problem, given) * (1.0 - least_probability) < least_probability:
         reason = "fewer than three pairs off one line are certain"
@@ -134,7 +132,7 @@ def decided(found: Found, others: float, of_pairs: FloatArray, least_probability
         reason = f"{len(given)} pairs fit but {problem.told} are expected; check the expected number"
         return Pairing.unmatched(reason, probability, rivals)
     moved = moved_pairs(problem, best.partner)
-    own = probability * of_pairs[certain]
+    own = probability * own[certain]
     return Pairing(
         "unique", given, probability, rivals[1:], doubtful=doubtful, moved=moved, pair_probabilities=own
     )

@@ -42,12 +42,28 @@ def test_a_pair_is_less_sure_where_outliers_lie_beside_markers() -> None:
     partner = np.arange(len(markers))
     errors = [ErrorModel(np.full(count, sigma**2), None) for count, sigma in ((24, SIGMA_CT), (32, SIGMA_OTS))]
     doubts = []
-    for outliers in (anywhere, markers[:8] + 6.0 * anywhere / np.linalg.norm(anywhere, axis=1, keepdims=True)):
+    for outliers in (anywhere, markers[:8] + 3.0 * anywhere / np.linalg.norm(anywhere, axis=1, keepdims=True)):
         chance = Chance.of(
             Problem(markers, np.vstack((read, outliers)), errors[0], errors[1], Told(), no_pairs(), 3e6, 60.0)
         )
-        doubts.append(1.0 - chance.pair_probabilities(np.eye(3, 4), partner)[8:])
+        doubts.append(1.0 - chance.sure_pairs(np.eye(3, 4), partner)[8:])
     assert (doubts[1] > 3.0 * doubts[0]).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_stray_is_never_surely_the_marker_that_its_set_lacks(seed: int) -> None:
+    """Ten markers have a second reading within the errors of a pair, of two it is the only one: it had over 0.9998.
+
+    Where none has any, all markers pair.
+    """
+    rng = np.random.default_rng([52, seed])
+    markers, aside = ball(rng, 26, 90.0), rng.normal(size=(10, 3))
+    strays = markers[:10] + 1.5 * aside / np.linalg.norm(aside, axis=1, keepdims=True)
+    ct, read = (markers + sigma * rng.normal(size=markers.shape) for sigma in (SIGMA_CT, SIGMA_OTS))
+    answer = match_points(ct, np.vstack((read[2:], strays)))
+    assert len(answer) > 10
+    assert answer.pair_probabilities[answer.pairs[:, 0] < 2].max(initial=0.0) < 0.9995
+    assert len(match_points(ct, read[2:])) == 24
 
 
 def test_of_two_equal_bodies_none_is_the_larger_for_the_outliers_in_it() -> None:
