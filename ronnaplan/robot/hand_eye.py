@@ -31,10 +31,10 @@ from ronnaplan.pose import (
     rigid,
 )
 from ronnaplan.robot.by_pose import Cause, Suspicion
-from ronnaplan.robot.by_pose_fields import fields, shows_scale
+from ronnaplan.robot.by_pose_fields import apart, earlier, fields, shows_scale
 from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.hand_eye_found import HandEye
-from ronnaplan.robot.hand_eye_refused import agree, contradiction, late_by, rms
+from ronnaplan.robot.hand_eye_refused import Late, agree, contradiction, late_by, rms
 from ronnaplan.robot.hand_eye_start import FINEST, closed_form, discrepancies, far_off, out_of_step
 from ronnaplan.robot.hand_eye_step import step_in
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
@@ -84,13 +84,15 @@ def calibrate_hand_eye(
         require_two_axes(poses[:, :3, :3], "M from TCP", whose)
     left, right = closed_form(seen, driven)
     fit = _refine(seen, driven, left, right)
-    far = far_off(seen, driven)
-    step = step_in(discrepancies(seen, driven, left, right), _design(seen, right, np.ones(6)))
     numbers = range(len(told)) if frames is None else [frames[one] for one in told]
+    late = late_by(fit.error, fit.design * fit.sds[:, None], driven @ invert(fit.right), numbers)
+    was = driven if late is None else earlier(driven, late.frames, numbers)
+    far = far_off(seen, was)
+    start = (left, right) if late is None else closed_form(seen, was)
+    step = step_in(discrepancies(seen, was, *start), _design(seen, start[1], np.ones(6)))
     if not agree(fit.error):
-        late = late_by(fit.error, fit.design * fit.sds[:, None], driven @ invert(fit.right), numbers)
         raise RefusedError(contradiction(fit.error, seen, driven, far, step, late, numbers))
-    found = _found(fit, seen, driven, numbers)
+    found = _found(fit, seen, was, numbers, late)
     away_mm = float(np.linalg.norm(found.m_from_tcp.translation_mm))
     if away_mm > LONGEST_TOOL_MM:
         raise RefusedError(
@@ -191,16 +193,26 @@ def _refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: Float
     return _Fit(left, right, sds, design, residual, step, error)
 
 
-def _found(fit: _Fit, seen: FloatArray, driven: FloatArray, frames: Sequence[int]) -> HandEye:
-    """Return what poses (N, 4, 4) tell, those ``seen`` and those ``driven`` in ``frames``, with its covariance."""
-    left, right = fit.left, fit.right
-    robot_from_m = driven @ invert(right)
-    ots_from_m = invert(left) @ robot_from_m
-    suspected = fields(ots_from_m, robot_from_m, driven, fit.sds, frames)
-    covariance, suspicion = _covariance(fit, seen, suspected.added)
-    if not shows_scale(seen, ots_from_m, fit.design[..., :CONSTANTS], fit.sds[3]):
+def _found(fit: _Fit, seen: FloatArray, driven: FloatArray, frames: Sequence[int], late: Late | None) -> HandEye:
+    """Return what poses (N, 4, 4) tell, those ``seen`` and those ``driven`` in ``frames``, with its covariance.
+
+    Where the tracker's are ``late``, ``driven`` are as they were so much earlier, and all is linear about what fits
+    these: the way of half a frame, and the turn by which R is off for it, are not.
+    """
+    near = fit if late is None else _refine(seen, driven, fit.left, fit.right)
+    robot_from_m = driven @ invert(near.right)
+    ots_from_m = invert(near.left) @ robot_from_m
+    suspected = fields(ots_from_m, robot_from_m, driven, near.sds, frames)
+    if late is not None:
+        backs = zip(invert(np.array(near[:2])), invert(np.array(fit[:2])), strict=True)
+        off = -np.concatenate([adjoint(back) @ apart(then, back) for then, back in backs])  # as errors are stated
+        moved = suspected.added[Cause.DELAY][..., 0] * (late.frames / suspected.delay)
+        near = near._replace(residual=near.residual + near.design[..., :CONSTANTS] @ off + moved)
+    covariance, suspicion = _covariance(near, seen, suspected.added)
+    if not shows_scale(seen, ots_from_m, near.design[..., :CONSTANTS], near.sds[3]):
         suspicion = suspicion._replace(of_any=suspicion.of_any - suspicion.of_scale, of_scale=0.0)
     rotation_deg, translation_mm = rms(fit.error)
+    left, right = fit.left, fit.right
     return HandEye(
         Pose(right, carried(right, covariance[6:12, 6:12]), M, TCP),
         Pose(left, carried(left, covariance[:6, :6]), R, OTS),

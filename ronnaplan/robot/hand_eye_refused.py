@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.by_pose_fields import moving
-from ronnaplan.robot.hand_eye_start import FEWEST_TO_SHIFT, closed_form, discrepancies, which_are_far
+from ronnaplan.robot.hand_eye_start import FEWEST_TO_SHIFT, MUCH_BETTER, closed_form, discrepancies, which_are_far
 from ronnaplan.robot.hand_eye_step import Step
 from ronnaplan.robot.misread import mistake_in
 
@@ -33,10 +34,16 @@ def rms(error: FloatArray) -> tuple[float, float]:
     return float(np.degrees(angle)), float(length)
 
 
-def late_by(
-    error: FloatArray, design: FloatArray, robot_from_m: FloatArray, frames: Sequence[int]
-) -> float | None:
-    """Return by how many frames the tracker's poses are late if that explains the ``error`` (N, 6) that is left.
+class Late(NamedTuple):
+    """The tracker's poses are so many ``frames`` late, or the robot's if these are negative."""
+
+    frames: float
+    explains: bool
+    """Whether poses that contradict each other would agree then."""
+
+
+def late_by(error: FloatArray, design: FloatArray, robot_from_m: FloatArray, frames: Sequence[int]) -> Late | None:
+    """Return how late the tracker's poses are if that makes the ``error`` (N, 6) that is left much smaller.
 
     ``design`` (N, 6, p) is how that changes with all else that is sought, which of a few poses leaves little of any.
     """
@@ -47,8 +54,10 @@ def late_by(
     columns = np.concatenate([design / sds[:, None], late], axis=2).reshape(error.size, -1)
     solution = np.linalg.lstsq(columns, (error / sds).ravel(), rcond=None)[0]
     left = error - (columns @ solution).reshape(error.shape) * sds
-    explained = agree(left) and max(np.divide(rms(left), rms(error))) < LEFT_BY_A_DELAY
-    return float(solution[design.shape[2]] * unit) if explained else None
+    if np.sqrt(((left / sds) ** 2).mean()) > MUCH_BETTER:
+        return None
+    explains = agree(left) and max(np.divide(rms(left), rms(error))) < LEFT_BY_A_DELAY
+    return Late(float(solution[design.shape[2]] * unit), bool(explains))
 
 
 def told_late(frames: float) -> str:
@@ -67,12 +76,12 @@ def contradiction(
     driven: FloatArray,
     far: NDArray[np.bool_],
     step: Step | None,
-    late: float | None,
+    late: Late | None,
     frames: Sequence[int],
 ) -> str:
     """Say by how much poses (N, 4, 4) contradict each other, and which of ``frames`` do if without these none does.
 
-    ``error`` (N, 6) is left of them, and the tracker's may be ``late`` by so many frames.
+    ``error`` (N, 6) is left of them, and the tracker's may be ``late``.
     """
     rotation_deg, translation_mm = rms(error)
     said = (
@@ -80,8 +89,9 @@ def contradiction(
         f"{translation_mm:.2f} mm RMS, expected at most {LARGEST_ROTATION_DEG:g} and "
         f"{LARGEST_TRANSLATION_MM:g}"
     )
-    if late is not None:
-        return f"{said}, but would agree if {told_late(late)}: record both at the same moments, or stand still for each"
+    if late and late.explains:
+        advice = "record both at the same moments, or stand still for each"
+        return f"{said}, but would agree if {told_late(late.frames)}: {advice}"
     if far.any() and _belong_together(seen[~far], driven[~far]):
         which, advice = which_are_far(frames, np.flatnonzero(far).tolist())
         return f"{said}: {which}; {advice}"

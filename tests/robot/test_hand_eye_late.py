@@ -59,6 +59,15 @@ def test_a_tracker_that_is_late_and_tells_distances_too_long_is_stated_as_sure_a
     assert max(normalized(found.m_from_tcp, m_from_tcp), normalized(found.robot_from_ots, robot_from_ots)) < 4
 
 
+def test_half_a_frame_of_delay_is_counted_in_the_base_as_it_is_and_makes_no_pose_far_off() -> None:
+    """R had a normalized error of 9.6, and the first three poses were named as far off."""
+    seen, driven, m_from_tcp, robot_from_ots = along(1, 30, 0.5, 0.6)
+    found = calibrate_hand_eye(seen, driven)
+    assert abs(found.by_pose.delay - 0.5) < 4 * found.by_pose.delay_sd < 0.01
+    assert max(normalized(found.m_from_tcp, m_from_tcp), normalized(found.robot_from_ots, robot_from_ots)) < 2
+    assert not found.far
+
+
 def test_frames_numbered_by_times_tell_the_same_however_long_ago_time_began() -> None:
     """From 2^53 on successive numbers became one, and all was NaN or ended in a traceback."""
     driven = along(1, 22, 0.1)[1]
