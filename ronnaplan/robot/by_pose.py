@@ -7,8 +7,9 @@ in the tracker's axes or the tool's that is alike in all directions or not: besi
 right one without a field. So it would beside steadiness where the tracker drifts. There are four:
 
 - of any cause: its six components are linear in the numbers of the robot's pose, all of one variance;
-- of an arm that bends, or whose lengths are off: in its upright plane, linear in how far out and how high it reaches.
-  That has few numbers, which tell sooner that there is something. How far such errors go is told by the first kind;
+- of an arm that bends under its load, as its joints are springs: it turns down in its upright plane by how far out it
+  reaches, about a joint of unknown height. These two numbers tell sooner that there is something. How far such errors
+  go is told by the first kind;
 - of a tracker whose distances are all wrong by one share (or of a robot's that are);
 - of a tracker, or a robot, that is late: what it adds goes with how fast the tool moves.
 

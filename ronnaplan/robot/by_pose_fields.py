@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import cross_matrix, exponential, invert
+from ronnaplan.pose import adjoint, cross_matrix, exponential, invert
 from ronnaplan.robot.by_pose import Cause, Suspicion
 
 ALIKE = 10.0
@@ -66,9 +66,6 @@ def fields(
     moved[:, :3, :3] = moved[:, 3:, 3:] = to_m
     moved[:, 3:, :3] = to_m @ cross_matrix(places - robot_from_m[:, :3, 3]) * (sds[0] / sds[3])
     of_any = np.hstack([alike, places / usual, robot_from_tcp[:, :3, :3].reshape(-1, 9) / np.sqrt(3)])
-    out = np.hypot(places[:, 0], places[:, 1])[:, None]
-    of_reach = np.hstack([alike, out / usual, places[:, 2:] / usual])
-    in_plane = moved @ _upright(places[:, :2] / np.maximum(out, np.finfo(float).tiny))
     scaled = np.zeros((len(places), 6, 1))
     away = np.einsum("nji,nj->ni", ots_from_m[:, :3, :3], ots_from_m[:, :3, 3])
     apart_mm = spread_mm(ots_from_m)
@@ -76,7 +73,7 @@ def fields(
     late, delay = moving(robot_from_m, sds, frames)
     added = {
         Cause.ANY: _linear(moved, of_any / np.sqrt(3)),
-        Cause.BENDING: _linear(in_plane, of_reach / np.sqrt(3)),
+        Cause.BENDING: _sagging(robot_from_m, places, sds),
         Cause.SCALE: scaled,
         Cause.DELAY: late,
     }
@@ -156,13 +153,19 @@ def spread_mm(poses: FloatArray) -> float:
     return float(max(apart, LEAST_SPREAD * away, np.finfo(float).tiny))
 
 
-def _upright(outwards: FloatArray) -> FloatArray:
-    """Return (N, 6, 3): a turn in the upright plane that holds ``outwards`` (N, 2), and shifts outwards and upwards."""
-    in_plane = np.zeros((len(outwards), 6, 3))
-    in_plane[:, 0, 0], in_plane[:, 1, 0] = -outwards[:, 1], outwards[:, 0]
-    in_plane[:, 3:5, 1] = outwards
-    in_plane[:, 5, 2] = 1
-    return in_plane
+def _sagging(robot_from_m: FloatArray, places: FloatArray, sds: FloatArray) -> FloatArray:
+    """Return (N, 6, 2): what a load at ``places`` (N, 3) that bends the arm by its lever adds, in ``sds`` (6,).
+
+    That is a turn about the origin of R, in the upright plane of the place, and the shift outwards of one further up.
+    """
+    out = np.hypot(places[:, 0], places[:, 1])[:, None]
+    outwards = places[:, :2] / np.maximum(out, np.finfo(float).tiny)
+    usual = np.sqrt((places**2).sum(axis=1).mean())
+    turned = np.zeros((len(places), 6, 2))
+    turned[:, 0, 0], turned[:, 1, 0] = -outwards[:, 1], outwards[:, 0]
+    turned[:, 3:5, 1] = outwards * usual
+    lever = out / usual * max(sds[0], sds[3] / usual)
+    return np.asarray(adjoint(invert(robot_from_m)) @ turned * lever[..., None] / sds[:, None])
 
 
 def _linear(moved: FloatArray, numbers: FloatArray) -> FloatArray:
