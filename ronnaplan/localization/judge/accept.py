@@ -14,6 +14,7 @@ from ronnaplan.localization.fit.model import has_streaks
 from ronnaplan.localization.fit.parameters import BACKGROUND, CENTER, WIDTH
 from ronnaplan.localization.fit.skin import face_hu, share_on_skin
 from ronnaplan.localization.judge.evidence import Evidence
+from ronnaplan.localization.judge.pasted import left_out_hu
 from ronnaplan.localization.search.detect import MIN_CONTRAST_HU
 
 DIAMETER_TOLERANCE = 0.06
@@ -70,6 +71,8 @@ PASTED_PIXELS, PASTED_THICKNESS = 0.5, 0.1
 """Clipped balls whose edge is blurred by less than this many pixels, and their ends over less than this share of the
 slices' thickness, end from one voxel to the next in all directions, as no scanner shows them: metal artifact reduction
 cut them out and put them back in. What is left of their surface is where its threshold lay."""
+
+PUT_BACK = "as what artifact reduction puts back in; localize in the images without it"
 
 WIDTH_RATIO = 2.0
 WIDTH_MARGIN_SHARE = 0.2
@@ -137,7 +140,7 @@ def _blur(evidence: Evidence) -> str | None:
         sigma < PASTED_PIXELS * pixel_mm and evidence.fit.theta[WIDTH] < PASTED_THICKNESS * evidence.thickness_mm
     )
     if evidence.fit.is_clipped and is_steep:
-        return "it ends from one voxel to the next, as what artifact reduction puts back in"
+        return f"it ends from one voxel to the next, {PUT_BACK}"
     if BLUR_BOUNDS_MM[0] < sigma < largest:
         return None
     return f"its edge is blurred by {sigma:.2f} mm, {BLUR_BOUNDS_MM[0]} to {largest:.2f} mm expected"
@@ -239,6 +242,14 @@ def _roundness(evidence: Evidence) -> str | None:
     return f"its surface departs from a sphere's by {found:.1%} of its contrast, {allowed:.1%} allowed"
 
 
+def _pasted(evidence: Evidence) -> str | None:
+    around = evidence.fit.neighbourhood
+    gap_hu = left_out_hu(evidence.volume, evidence.fit.center_mm, evidence.diameter_mm, around.axes)
+    if gap_hu is None:
+        return None
+    return f"no voxel at its edge lies between {gap_hu[0]:.0f} and {gap_hu[1]:.0f} HU, {PUT_BACK}"
+
+
 def _certainty(evidence: Evidence) -> str | None:
     error = float(rms_mm(evidence.covariance_mm2))
     limit = MAX_STANDARD_ERROR * evidence.diameter_mm
@@ -264,13 +275,18 @@ TESTS: dict[str, Test] = {
 def failures(evidence: Evidence, but: Set[str] = frozenset()) -> Iterator[tuple[str, str]]:
     """Yield (name, reason) of each test that the candidate fails, in order; those named in ``but`` are not asked.
 
-    How certain it is, is asked of what passes all others: hundreds of candidates need no covariance.
+    How certain it is, is asked of what passes all others: hundreds of candidates need no covariance. What fails any,
+    and was put back in by artifact reduction, is ``pasted`` first: neither the size nor the shape it shows is its own.
     """
     passes = True
     for name, test in TESTS.items():
         if name in but or (name == "certainty" and not passes):
             continue
         reason = test(evidence)
-        if reason is not None:
-            passes = False
-            yield name, reason
+        if reason is None:
+            continue
+        pasted = _pasted(evidence) if passes else None
+        if pasted is not None:
+            yield "pasted", pasted
+        passes = False
+        yield name, reason

@@ -115,7 +115,10 @@ def test_what_ends_from_one_voxel_to_the_next_was_pasted_in(fit: BallFit) -> Non
     within = changed(changed(fit, BLUR, 0.3 * fit.neighbourhood.pixel_mm), WIDTH, 0.02)
     steep = replace(within, ceiling_hu=float(fit.neighbourhood.values_hu[fit.used].max()))
     reason = TESTS["blur"](evidence(steep))
-    assert reason == "it ends from one voxel to the next, as what artifact reduction puts back in"
+    assert reason is not None
+    assert reason.startswith(
+        "it ends from one voxel to the next, as what artifact reduction puts back in; localize in"
+    )
     assert TESTS["blur"](evidence(within)) is None
     assert TESTS["blur"](evidence(changed(steep, WIDTH, 0.5))) is None  # the slices' profile is a scanner's
 
