@@ -5,9 +5,14 @@ the more, the farther it lies from both: to half of its variance in the middle. 
 slice, and so does the noise, as no scanner's does. As much goes round how thick the slices are, so that no profile
 describes them all, and a ball's poles are displaced by what they met with. Where so many slices were computed that
 straight lines tell it (`scanner.measured`), these are left out; here none is like a measured one.
+
+Metal and balls that stand in some slices and not in the next ones make a scanner's noise go up and down, too. But what
+was mixed of two slices has less noise the more of it it shares with its neighbours; streaks, the more, the more.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +38,11 @@ MOST_AMPLITUDE = 0.5
 
 SOFT_HU = (-300.0, 500.0)
 """Noise is looked at in soft tissue: air may be cut off, and bone is all edges."""
+
+SLOW, OPPOSED = 0.3, -0.5
+"""What stands in several slices makes waves below the first frequency. There a beat is told only if what neighbours
+share of their noise goes against it, by this coefficient of correlation: by -0.78 to -1 in what was computed at 0.64 to
+1.2 of the distance, in 16 of 18 heads with crowns, screws and nuts by -0.5 to 0.6."""
 
 ROWS, LEAST_SEEN = 16, 300
 """So many rows of a slice tell its noise, if they show so much soft tissue."""
@@ -62,13 +72,56 @@ def noise_beats(volume: CTVolume) -> bool:
     square = float(np.sum(left[told] ** 2))
     if len(told) <= OF_A_WAVE or square == 0.0:
         return False
-    explained = _explained(left[told], told)
+    explained, wave = _explained(left[told], told)
     share, highest = explained / square, float(np.sqrt(2.0 * explained / len(told)))
     is_chance = len(told) / 2.0 * max(1.0 - share, 0.0) ** ((len(told) - OF_A_WAVE) / 2.0) > CHANCE
-    return share > LEAST_SHARE and LEAST_AMPLITUDE < highest < MOST_AMPLITUDE and not is_chance
+    if is_chance or share <= LEAST_SHARE or not LEAST_AMPLITUDE < highest < MOST_AMPLITUDE:
+        return False
+    return wave.frequency > SLOW or _is_opposed(_without_what_is_slow(_shared(voxels_hu[:, ::every])), wave, told)
 
 
-def _explained(values: FloatArray, places: NDArray[np.intp]) -> float:
+class _Wave(NamedTuple):
+    """A wave of a ``frequency`` per slice, in its own phase."""
+
+    frequency: float
+    cos: float
+    sin: float
+
+    def at(self, places: NDArray[np.intp]) -> FloatArray:
+        """Its height (N,) at ``places`` (N,)."""
+        phases = 2.0 * np.pi * self.frequency * places
+        height: FloatArray = self.cos * np.cos(phases) + self.sin * np.sin(phases)
+        return height
+
+
+def _is_opposed(shared: FloatArray, wave: _Wave, told: NDArray[np.intp]) -> bool:
+    """Whether what slices share with their neighbours (K,) goes against a wave at the places (N,) that are told."""
+    told = told[np.isfinite(shared[told])]
+    if len(told) <= OF_A_WAVE or np.ptp(shared[told]) == 0.0:
+        return False
+    return bool(np.corrcoef(wave.at(told), shared[told])[0, 1] < OPPOSED)
+
+
+def _shared(slices: Voxels) -> FloatArray:
+    """How far the bends of ``slices`` (K, J, I) go along with those of the two beside each (K,); NaN if none tell."""
+    values = slices.astype(np.float64)
+    is_soft = (values > SOFT_HU[0]) & (values < SOFT_HU[1])
+    bends = values[..., :-2] - 2.0 * values[..., 1:-1] + values[..., 2:]
+    seen = (is_soft[..., :-2] & is_soft[..., 1:-1] & is_soft[..., 2:]).reshape(len(slices), -1)
+    bends = bends.reshape(len(slices), -1)
+    for some, told in zip(bends, seen, strict=True):
+        told &= np.abs(some) < NOISE_ENDS * (np.median(np.abs(some[told])) if told.any() else 0.0) + 0.5
+    both = seen[:-1] & seen[1:]
+    before, behind = np.where(both, bends[:-1], 0.0), np.where(both, bends[1:], 0.0)
+    squares = np.sum(before**2, axis=1) * np.sum(behind**2, axis=1)
+    is_told = (np.count_nonzero(both, axis=1) >= LEAST_SEEN) & (squares > 0.0)
+    along = np.where(is_told, np.sum(before * behind, axis=1) / np.sqrt(np.where(is_told, squares, 1.0)), np.nan)
+    shared = np.full(len(slices), np.nan)
+    shared[1:-1] = (along[:-1] + along[1:]) / 2.0
+    return shared
+
+
+def _explained(values: FloatArray, places: NDArray[np.intp]) -> tuple[float, _Wave]:
     """How much of the sum of squares of ``values`` (N,) at ``places`` (N,) the best wave makes, fitted to each."""
     frequencies = np.linspace(LOWEST, 0.5, FREQUENCIES, endpoint=False)
     phases = 2.0 * np.pi * np.outer(frequencies, places)
@@ -78,7 +131,11 @@ def _explained(values: FloatArray, places: NDArray[np.intp]) -> float:
         np.sum(one * other, axis=1) for one, other in ((cos, cos), (sin, sin), (cos, sin))
     )
     explained = sin_sin * by_cos**2 - 2.0 * cos_sin * by_cos * by_sin + cos_cos * by_sin**2
-    return float(np.max(explained / (cos_cos * sin_sin - cos_sin**2)))
+    most = int(np.argmax(explained / (cos_cos * sin_sin - cos_sin**2)))
+    parts = by_cos * sin_sin - by_sin * cos_sin, by_sin * cos_cos - by_cos * cos_sin
+    square = (cos_cos * sin_sin - cos_sin**2)[most]
+    height = (float(part[most] / square) for part in parts)
+    return float(explained[most] / square), _Wave(float(frequencies[most]), *height)
 
 
 def _without_what_is_slow(values: FloatArray) -> FloatArray:

@@ -63,6 +63,15 @@ def test_streaks_of_fillings_that_come_and_go_are_no_beat() -> None:
     assert not noise_beats(replace(volume, voxels_hu=np.round(volume.voxels_hu + streaks_hu).astype(np.int16)))
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_screws_that_stand_in_every_seventh_slice_are_no_beat(seed: int) -> None:
+    """Their streaks are alike in neighbouring slices, and add to noise that is not."""
+    volume = soft_tissue(seed, count=38)
+    streaks_hu = 7.0 * np.random.default_rng(seed).normal(size=volume.voxels_hu.shape[1:])
+    strength = (0.5 + 0.5 * np.cos(2.0 * np.pi * np.arange(38) / 7.0))[:, np.newaxis, np.newaxis]
+    assert not noise_beats(replace(volume, voxels_hu=np.round(volume.voxels_hu + strength * streaks_hu)))
+
+
 def test_what_all_slices_share_is_no_beat() -> None:
     """In the middle between two measured slices each is blurred alike, which one profile describes."""
     assert not noise_beats(resampled(soft_tissue(2), GAP_MM, GAP_MM / 2.0))
