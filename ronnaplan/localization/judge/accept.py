@@ -15,6 +15,7 @@ from ronnaplan.localization.fit.parameters import BACKGROUND, CENTER, WIDTH
 from ronnaplan.localization.fit.skin import face_hu, share_on_skin
 from ronnaplan.localization.judge.evidence import Evidence
 from ronnaplan.localization.judge.pasted import left_out_hu
+from ronnaplan.localization.judge.sunk import lies_in_a_face
 from ronnaplan.localization.search.detect import MIN_CONTRAST_HU
 
 DIAMETER_TOLERANCE = 0.06
@@ -49,6 +50,10 @@ MAX_ATTACHED, SKIN_MARGIN = 0.14, 0.03
 """A post is attached to a small part of a marker's surface (a post of 4 mm to 3 % of one of 11.5 mm), skin that it lies
 on to no more than a plane would be and this margin (to 11 % of one of 11.5 mm, to 23 % of one of 4 mm); a capsule or a
 rod goes on in far more of it."""
+
+MAX_SUNK, SUNK_RAGGED = 0.3, 0.09
+"""... but for a bar or a plate that it is sunk into by up to a quarter of its diameter, which goes on beside it. All
+the rest of it is round then, but for the second: balls show 0.08, studs with round ends 0.10 and more."""
 
 POST_SHARE, RAGGED_WIDTH = 0.08, 0.1
 """What is attached to more of a marker's surface than the first is thicker than any post; if skin, all the rest is
@@ -206,9 +211,12 @@ def _free(evidence: Evidence) -> str | None:
     end_hu = math.inf if fit.is_clipped else fit.ceiling_hu - float(fit.theta[BACKGROUND])
     bright_hu = face_hu(verdict.excess_hu, fit.contrast_hu, end_hu)
     allowed = max(MAX_ATTACHED, share_on_skin(fit.theta, bright_hu) + SKIN_MARGIN)
+    ragged = MAX_RAGGED
+    if allowed < attached <= MAX_SUNK and lies_in_a_face(evidence.volume, fit, verdict.excess_hu):
+        allowed, ragged = MAX_SUNK, SUNK_RAGGED
     if attached > allowed:
         return f"{attached:.0%} of its surface is attached to something as bright, {allowed:.0%} allowed"
-    ragged = MAX_RAGGED + RAGGED_WIDTH * _thickness_beyond(evidence)
+    ragged += RAGGED_WIDTH * _thickness_beyond(evidence)
     if attached <= POST_SHARE or verdict.ragged_share <= ragged:
         return None
     return (
