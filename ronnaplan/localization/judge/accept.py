@@ -14,7 +14,7 @@ from ronnaplan.localization.fit.model import has_streaks
 from ronnaplan.localization.fit.parameters import BACKGROUND, CENTER, WIDTH
 from ronnaplan.localization.fit.skin import face_hu, share_on_skin
 from ronnaplan.localization.judge.evidence import Evidence
-from ronnaplan.localization.judge.pasted import left_out_hu
+from ronnaplan.localization.judge.pasted import LEAST_ROUND, PUT_BACK, left_out_hu
 from ronnaplan.localization.judge.sunk import lies_in_a_face
 from ronnaplan.localization.search.detect import MIN_CONTRAST_HU
 
@@ -76,8 +76,6 @@ PASTED_PIXELS, PASTED_THICKNESS = 0.5, 0.1
 """Clipped balls whose edge is blurred by less than this many pixels, and their ends over less than this share of the
 slices' thickness, end from one voxel to the next in all directions, as no scanner shows them: metal artifact reduction
 cut them out and put them back in. What is left of their surface is where its threshold lay."""
-
-PUT_BACK = "as what artifact reduction puts back in; localize in the images without it"
 
 WIDTH_RATIO = 2.0
 WIDTH_MARGIN_SHARE = 0.2
@@ -251,6 +249,8 @@ def _roundness(evidence: Evidence) -> str | None:
 
 
 def _pasted(evidence: Evidence) -> str | None:
+    if evidence.verdict.round_share < LEAST_ROUND:
+        return None
     around = evidence.fit.neighbourhood
     gap_hu = left_out_hu(evidence.volume, evidence.fit.center_mm, evidence.diameter_mm, around.axes)
     if gap_hu is None:

@@ -23,6 +23,11 @@ LEVELS, GAP_SHARE = (0.1, 0.9), 0.1
 """The ball and its surroundings, what these shares of the voxels do not exceed, and how much of what lies between them
 is gone at least: 0.13 to 0.8 about balls of steel and alumina that were put back, 0.07 at most elsewhere."""
 
+LEAST_ROUND = 0.3
+"""Flat sides along the voxels show no values between, either; of what is looked at there less is a sphere's."""
+
+PUT_BACK = "as what artifact reduction puts back in; localize in the images without it"
+
 LEAST_VOXELS = 1000
 """Fewer voxels may leave out as much by chance, as those of a screw in coarse slices."""
 
