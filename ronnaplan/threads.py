@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
@@ -76,13 +77,15 @@ def single_threaded_algebra() -> AbstractContextManager[Any]:
     Libraries that start threads for each small product would wait for one another, and sum in another order on
     another number of cores.
     """
-    limits: AbstractContextManager[Any] = _libraries().limit(limits=1, user_api="blas")
+    limits: AbstractContextManager[Any] = _libraries("scipy.linalg" in sys.modules).limit(
+        limits=1, user_api="blas"
+    )
     return limits
 
 
 @cache
-def _libraries() -> Any:
-    import scipy.linalg  # noqa: F401  # it brings a library of its own, which is not found before it is loaded
+def _libraries(with_scipys_own: bool) -> Any:
+    """Return those that are loaded; they are looked for anew once ``scipy.linalg`` has brought its own."""
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
