@@ -85,7 +85,7 @@ def main() -> None:
 def one_case(seed: int, wanted: int, tries: int, draws: int) -> Case:
     """Return, and print, what becomes of a random case."""
     given, rng = job(seed, 16, 8, floor=FLOOR), np.random.default_rng(seed)
-    coarse, fine = given.problem(COARSE), given.problem(FINE)
+    coarse, closer, fine = map(given.problem, (COARSE, CLOSER, FINE))
     processor = time.process_time()
     found = find_places(given)
     processor = time.process_time() - processor
@@ -108,7 +108,7 @@ def one_case(seed: int, wanted: int, tries: int, draws: int) -> Case:
         strayed[:, 3] += rng.normal(0.0, parking.sigma_deg, draws)
         served = serves(coarse, strayed)
         served[~served] = serves(fine, strayed[~served])
-        off.append(probability(coarse, given.problem(CLOSER), there, parking) - float(served.mean()))
+        off.append(probability(coarse, closer, there, parking) - float(served.mean()))
     told = Case(
         processor,
         best.worst_joint_deg,

@@ -159,14 +159,11 @@ def _deposit(
     first, last = np.searchsorted(positions, start - reach), np.searchsorted(positions, stop + reach)
     inside = min(np.searchsorted(positions, start + reach), last)
     beyond = max(np.searchsorted(positions, stop - reach), inside)
-    whole = weight * (_area(areas, reach, reach) - _area(areas, reach, -reach))
-    for k in range(inside, beyond):
-        voxels[k] += whole
-    for k in range(first, inside):
-        seen = _area(areas, reach, stop - positions[k]) - _area(areas, reach, start - positions[k])
-        voxels[k] += weight * seen
-    for k in range(beyond, last):
-        seen = _area(areas, reach, stop - positions[k]) - _area(areas, reach, start - positions[k])
+    whole = _area(areas, reach, reach) - _area(areas, reach, -reach)
+    for k in range(first, last):
+        seen = whole
+        if not inside <= k < beyond:
+            seen = _area(areas, reach, stop - positions[k]) - _area(areas, reach, start - positions[k])
         voxels[k] += weight * seen
 
 

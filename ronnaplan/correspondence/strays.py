@@ -77,8 +77,8 @@ def weighed_meetings(
     i, j, chi2, variance, within = meetings
     scale2 = (paired * chi2).sum() / max(3.0 * paired.sum() - 6.0, 1.0)
     scale2, most = min(max(scale2, SCALES[0] ** 2), LEAST_SCALE**2), 0.0
-    of_ct = np.minimum(at_points(i, paired, len(ct.near)), 1.0)
-    of_ots = np.minimum(at_points(j, paired, len(ots.near)), 1.0)
+    of_ct = np.minimum(np.bincount(i, paired, len(ct.near)), 1.0)
+    of_ots = np.minimum(np.bincount(j, paired, len(ots.near)), 1.0)
     markers, only_ct, only_ots = density(ct, of_ct), density(ct, 1.0 - of_ct), density(ots, 1.0 - of_ots)
     by_ct, by_ots = stray_densities(ct, of_ct, only_ct), stray_densities(ots, of_ots, only_ots)
     odds, stray = np.empty(len(i)), np.empty(len(i))
@@ -95,15 +95,6 @@ def weighed_meetings(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def at_points(points: IntArray, values: FloatArray, count: int) -> FloatArray:
-    """Return the sum (count,) of the ``values`` (L,) that stand at each of the ``points`` (L,)."""
-    found = np.zeros(count)
-    for a in range(len(points)):
-        found[points[a]] += values[a]
-    return found
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def shared_out(i: IntArray, j: IntArray, odds: FloatArray, counts: tuple[int, int]) -> FloatArray:
     """Return the probability of each meeting (L,) that it is a pair, were each that can be made one marker more.
 
@@ -111,9 +102,9 @@ def shared_out(i: IntArray, j: IntArray, odds: FloatArray, counts: tuple[int, in
     """
     to_ct = np.zeros(len(odds))
     for _ in range(ROUNDS):
-        to_ots = odds / (1.0 + at_points(i, to_ct, counts[0])[i] - to_ct)
-        to_ct = odds / (1.0 + at_points(j, to_ots, counts[1])[j] - to_ots)
-    return to_ct / (1.0 + at_points(i, to_ct, counts[0])[i])
+        to_ots = odds / (1.0 + np.bincount(i, to_ct, counts[0])[i] - to_ct)
+        to_ct = odds / (1.0 + np.bincount(j, to_ots, counts[1])[j] - to_ots)
+    return to_ct / (1.0 + np.bincount(i, to_ct, counts[0])[i])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -127,7 +118,7 @@ def sure_pairs(meetings: Meetings, paired: FloatArray, ct: Densities, ots: Densi
     is_close = meetings.chi2 * meetings.variance < (BESIDE_SIGMAS[WIDEST] * sigma) ** 2
     for _ in range(ROUNDS):
         odds, stray, most = weighed_meetings(meetings, paired, ct, ots, sigma)
-        others = at_points(i, odds, counts[0])[i] + at_points(j, odds, counts[1])[j] - odds
+        others = np.bincount(i, odds, counts[0])[i] + np.bincount(j, odds, counts[1])[j] - odds
         all_odds = 1.0 + share * stray + others
         share = ((is_close * share * stray / all_odds).sum() + 1.0) / (most + 1.0)
         paired, sure = shared_out(i, j, odds, counts), odds / all_odds

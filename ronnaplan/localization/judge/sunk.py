@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.ct.volume import CTVolume
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import FloatArray, axes_across
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.cells import cell_directions
 from ronnaplan.localization.fit.directions import ATTACHED_SHARE
@@ -35,7 +35,7 @@ def lies_in_a_face(volume: CTVolume, fit: BallFit, excess_hu: FloatArray) -> boo
     if length == 0.0:
         return False
     toward = toward / length
-    _, one, other = np.linalg.svd(toward[np.newaxis])[2]
+    one, other = axes_across(toward)
     turns = np.pi / LINES * np.arange(LINES)[:, np.newaxis]
     radius_mm = float(fit.theta[RADIUS])
     aside_mm = (radius_mm + CLEAR_MM) * (np.cos(turns) * one + np.sin(turns) * other)
