@@ -9,8 +9,8 @@ from phantoms.solids import FloatArray
 
 
 def _offsets_from(at: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return how far each pixel lies to the right of a place (2,) and below it."""
-    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]].astype(float)
+    """Return how far each column (1, columns) lies to the right of a place (2,), and each row (rows, 1) below it."""
+    rows, columns = np.ogrid[: SIZE[0], : SIZE[1]]
     return columns - at[0], rows - at[1]
 
 
@@ -52,12 +52,14 @@ def glare(image: FloatArray, at: FloatArray, radius_px: float, width_px: float, 
 
 def glints(image: FloatArray, at: FloatArray, clear_px: float, number: int, rng: np.random.Generator) -> None:
     """Draw bright ellipses of all sizes, none nearer to the ball than ``clear_px``."""
-    columns, rows = _offsets_from(np.zeros(2))
+    rows, columns = np.ogrid[: SIZE[0], : SIZE[1]]
     for _ in range(number):
         middle, angle = rng.uniform((0, 0), SIZE[::-1]), rng.uniform(0, np.pi)
         axes = np.exp(rng.uniform(np.log(2), np.log(40), 2))
         if np.linalg.norm(middle - at) < clear_px + axes.max():
             continue
-        right, down = columns - middle[0], rows - middle[1]
+        first, past = np.maximum(middle - axes.max(), 0).astype(int), (middle + axes.max()).astype(int) + 1
+        around = np.s_[first[1] : past[1], first[0] : past[0]]  # no other pixel is within
+        right, down = columns[:, around[1]] - middle[0], rows[around[0]] - middle[1]
         x, y = right * np.cos(angle) + down * np.sin(angle), down * np.cos(angle) - right * np.sin(angle)
-        image[np.hypot(x / axes[0], y / axes[1]) < 1] = rng.uniform(200, 255)
+        image[around][np.hypot(x / axes[0], y / axes[1]) < 1] = rng.uniform(200, 255)

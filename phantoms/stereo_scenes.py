@@ -114,7 +114,7 @@ def render(scene: Scene, rig: SceneRig, rng: np.random.Generator) -> View:
 
 
 def _ground(rng: np.random.Generator, least: float, most: float) -> FloatArray:
-    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]] / float(max(SIZE))
+    rows, columns = (places / float(max(SIZE)) for places in np.ogrid[: SIZE[0], : SIZE[1]])
     angle, slope = rng.uniform(0, 2 * np.pi), rng.uniform(least, most)
     along = np.cos(angle) * columns + np.sin(angle) * rows
     ground: FloatArray = rng.uniform(8, 20) + slope * (along - along.min())
@@ -232,5 +232,7 @@ def _meets_post(ray: tuple[float, float, float], solid: FloatArray, radius: floa
 def _developed(image: FloatArray, blur_px: float, read_sd: float, rng: np.random.Generator) -> FloatArray:
     """Return the image as the camera gives it: blurred, with shot and read noise, in whole grey levels."""
     blurred: FloatArray = gaussian_filter(np.minimum(image, 400.0), blur_px)
-    noisy = blurred + rng.normal(size=SIZE) * np.sqrt(read_sd**2 + 0.02 * blurred)
-    return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
+    noisy = rng.normal(size=SIZE)
+    noisy *= np.sqrt(read_sd**2 + 0.02 * blurred)
+    noisy += blurred
+    return np.clip(np.round(noisy, out=noisy), 0, 255, out=noisy).astype(np.uint8)
