@@ -17,6 +17,7 @@ from ronnaplan.correspondence.rivals import (
     other_body,
     regular_odds,
 )
+from ronnaplan.correspondence.strays import side_by_side
 from ronnaplan.geometry import FloatArray
 
 CLEAR_OF_OTHERS = 1e-5
@@ -36,8 +37,8 @@ def match_many(
 
     ``sizes`` and ``residual``: what `priors.size_priors` and `priors.residual_priors` return.  Of the best, the others
     are the probability (T,) and `rivals.odds_if_larger` (T,).  A probability of 0 marks what has to be looked at more
-    closely: a search that gave up, points on a line, a set whose mirror image fits better, a second body, and regular
-    markers.
+    closely: a search that gave up, points on a line, pairs side by side, a set whose mirror image fits better, a second
+    body, and regular markers.
     """
     tests, n, m = len(ct), ct.shape[1], ots.shape[1]
     weight, node_value = np.full((n, m), 1.0 / variance), np.full((n, m), -1.5 * math.log(variance))
@@ -55,7 +56,10 @@ def match_many(
             continue
         partners[t] = listed[best]
         paired, to_beat = listed[best] >= 0, max(log_evidence[best], background)
-        if not complete or is_collinear(ct[t][paired], np.full(paired.sum(), variance)):
+        of_pairs, partner = np.full(paired.sum(), variance), listed[best][paired]
+        if not complete or is_collinear(ct[t][paired], of_pairs):
+            continue
+        if side_by_side(ct[t][paired], ots[t][partner], of_pairs).any():
             continue
         body = other_body(
             ct[t], ots[t], weight, node_value, residual[0], residual[1], volume, listed[best], BODY_GATE_CHI2

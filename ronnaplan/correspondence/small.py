@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ronnaplan.correspondence.anisotropic import anisotropic_log_evidence
 from ronnaplan.correspondence.evidence import GATE_CHI2, MOST_ODDS_IF_LARGER, SCALES, is_collinear
@@ -31,6 +32,7 @@ from ronnaplan.correspondence.rivals import (
     other_body,
     regular_odds,
 )
+from ronnaplan.correspondence.strays import side_by_side
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.geometry import FloatArray
 
@@ -39,6 +41,11 @@ MOST_ODDS_AGAINST_KNOWN = 100.0
 rarely does a person point at the wrong marker."""
 
 ON_A_LINE = "the paired points lie on one line, so the rotation about it is unknown; add a marker off the line"
+WRONG_NUMBER = "{pairs} pairs fit but {told} are expected; check the markers or the expected number"
+SIDE_BY_SIDE = (
+    "{pairs} pairs are left without those that lie so near each other that one marker may have been read twice; remove "
+    "what is no marker"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,8 +118,9 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
     other = odds_of_another_body(problem, weighed.partners[0])
     regular = regular_odds(weighed.log_evidence, weighed.chi2, weighed.partners, 0, weighed.background)
     posterior = weighed.posterior(other + regular)
-    core, probability = certain_core(weighed.partners, posterior, problem, least_probability)
-    beside = odds_beside_core(problem, weighed, core)
+    whole = without_strays(problem, weighed.partners[0])
+    core, probability = certain_core(weighed.partners, posterior, whole, problem, least_probability)
+    beside = odds_beside_core(problem, weighed, whole != core)
     other, probability = max(other, beside), probability / (1.0 + beside)
     rivals, pairs = weighed.rivals(), pairs_of(core)
     if mirrored:
@@ -121,9 +129,8 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
         reason = "the best pairing explains the points no better than chance does"
         return Pairing.unmatched(reason, probability, rivals)
     if not problem.told.allows(len(pairs)):
-        reason = (
-            f"{len(pairs)} pairs fit but {problem.told} are expected; check the markers or the expected number"
-        )
+        reason = WRONG_NUMBER if (whole == weighed.partners[0]).all() else SIDE_BY_SIDE
+        reason = reason.format(pairs=len(pairs), told=problem.told)
         return Pairing.unmatched(reason, probability, rivals)
     if probability < least_probability:
         reason = f"the best pairing has probability {probability:.4g}, at least {least_probability:g} is required"
@@ -169,16 +176,16 @@ def contradicts_known(problem: Problem) -> bool:
 
 
 def certain_core(
-    partners: IntArray, posterior: FloatArray, problem: Problem, least_probability: float
+    partners: IntArray, posterior: FloatArray, whole: IntArray, problem: Problem, least_probability: float
 ) -> tuple[IntArray, float]:
-    """Return the best pairing (n,), less the pairs of which it is not certain, and its probability.
+    """Return the pairing ``whole`` (n,), less the pairs of which it is not certain, and its probability.
 
     Pairings that differ only in which markers moved, or in which of two points a marker is, do not contradict each
     other in the rest: where they agree, they vouch for it together (markers that change places do contradict it).  So
     the least certain pair is left out, and the next, while that may make the rest certain; otherwise the pairing is
     returned whole.
     """
-    whole = core = partners[0]
+    core = whole
     if not problem.told.allows(int((core >= 0).sum())):
         return core, float(posterior[0])
     of_another = np.isin(partners, core[core >= 0]) & (partners != core)
@@ -194,6 +201,15 @@ def certain_core(
         core[i[held.argmin()]] = -1
         probability = vouched(partners, posterior, core)
     return core, probability
+
+
+def without_strays(problem: Problem, partner: IntArray) -> IntArray:
+    """Return a pairing (n,) less the pairs `side_by_side`, but for known ones."""
+    i, j = pairs_of(partner).T
+    beside = side_by_side(problem.ct[i], problem.ots[j], problem.pair_variances(i, j))
+    kept = partner.copy()
+    kept[np.setdiff1d(i[beside], problem.known[:, 0])] = -1
+    return kept
 
 
 def vouched(partners: IntArray, posterior: FloatArray, core: IntArray) -> float:
@@ -226,14 +242,14 @@ def odds_of_another_body(problem: Problem, partner: IntArray, gate_chi2: float =
     return float(real * math.exp(LOG_ODDS_PER_PAIR * (count - size)) * prior[count] / prior[size])
 
 
-def odds_beside_core(problem: Problem, weighed: Weighed, core: IntArray) -> float:
-    """Return the odds of a body among the points that ``core`` (n,) leaves; 0 where it is the whole best pairing.
+def odds_beside_core(problem: Problem, weighed: Weighed, dropped: NDArray[np.bool_]) -> float:
+    """Return the odds of a body among the points that the best pairing leaves without what was ``dropped`` (n,) of it.
 
-    What is left out of that for want of certainty is the patient's if errors are so large, and otherwise another body,
-    or markers that moved each by itself, which are no body: its distances agree with errors as stated.
+    What is left out for want of certainty is the patient's if errors are so large, and otherwise another body, or
+    markers that moved each by itself, which are no body: its distances agree with errors as stated.
     """
-    whole = (core == weighed.partners[0]).all()
-    return 0.0 if whole else odds_of_another_body(problem, core, RIGID_GATE_CHI2)
+    core = np.where(dropped, -1, weighed.partners[0])
+    return odds_of_another_body(problem, core, RIGID_GATE_CHI2) if dropped.any() else 0.0
 
 
 def is_mirrored(problem: Problem, weighed: Weighed) -> bool:

@@ -3,6 +3,9 @@
 Where one set lacks a marker, a stray of it pairs with the other's reading as if it were the marker; where both lack it,
 or hold strays besides, two strays do.  How dense strays lie is told from the outliers beside the markers that pair, in
 each set; how often they meet where no marker pairs is told from the meetings themselves, of which strays' are wider.
+
+Of sets of few points nothing tells how dense strays lie.  But where both hold some of one marker, pairs lie side by
+side as markers do not.
 """
 
 from __future__ import annotations
@@ -11,11 +14,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.correspondence.densities import BESIDE_SIGMAS, ROUNDS, Densities, density
 from ronnaplan.correspondence.evidence import LEAST_SCALE, SCALES
 from ronnaplan.correspondence.pairing import IntArray
+from ronnaplan.correspondence.refining import PAIR_SIGMAS
 from ronnaplan.geometry import FloatArray
 
 WIDEST = len(BESIDE_SIGMAS) - 2
@@ -123,3 +128,18 @@ def sure_pairs(meetings: Meetings, paired: FloatArray, ct: Densities, ots: Densi
         share = ((is_close * share * stray / all_odds).sum() + 1.0) / (most + 1.0)
         paired, sure = shared_out(i, j, odds, counts), odds / all_odds
     return sure
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def side_by_side(ct: FloatArray, ots: FloatArray, variances: FloatArray) -> NDArray[np.bool_]:
+    """Return which pairs of points (k, 3) lie so near another, in both sets, that either may be a stray of its marker.
+
+    No farther than each one's own points may lie from each other; ``variances`` (k,) of a pair's difference per axis.
+    """
+    beside = np.zeros(len(ct), np.bool_)
+    for a in range(len(ct)):
+        for b in range(a):
+            reach2 = PAIR_SIGMAS**2 * min(variances[a], variances[b])
+            if ((ct[a] - ct[b]) ** 2).sum() < reach2 and ((ots[a] - ots[b]) ** 2).sum() < reach2:
+                beside[a] = beside[b] = True
+    return beside

@@ -154,7 +154,6 @@ SYMMETRIC = {
     "equilateral triangle": (np.array([[0, 0, 0], [100, 0, 0], [50, 50 * 3**0.5, 0]]), 6),
     "square": (np.array([[0, 0, 0], [80, 0, 0], [80, 80, 0], [0, 80, 0.0]]), 8),
     "flat and mirror-symmetric": (np.array([[0, 0, 0], [90, 40, 0], [90, -40, 0], [130, 0, 0.0]]), 2),
-    "two points at one place": (np.vstack((HEAD[:5], HEAD[:1])), 2),
 }
 
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from ronnaplan.correspondence import match_points
 from ronnaplan.correspondence.evidence import SCALE_PRIORS, SCALES
 from ronnaplan.correspondence.priors import tail_beyond_gate
-from tests.correspondence.scenes import SIGMA_CT, SIGMA_OTS, is_right, scene
+from tests.correspondence.scenes import HEAD, SIGMA_CT, SIGMA_OTS, is_right, scene
 
 
 def test_a_pair_pointed_at_wrongly_is_not_believed() -> None:
@@ -104,3 +104,35 @@ def test_a_marker_that_one_set_holds_twice_is_doubtful_and_the_rest_is_given(exp
             assert pairing.doubtful[:, 0].tolist() == [0]
             assert pairing.doubtful[0, 1] in (partner[0], 6)
             assert len(pairing.moved) == 0, "it fits"
+
+
+def read_twice(seed: int, markers: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A scene in which each set holds the first marker twice: the last points lie 2 mm beside it."""
+    ct, ots, partner = scene(seed, markers, outliers=0)
+    way = np.random.default_rng(seed).normal(size=(2, 3))
+    way *= 2.0 / np.linalg.norm(way, axis=1, keepdims=True)
+    return np.vstack((ct, ct[0] + way[0])), np.vstack((ots, ots[partner[0]] + way[1])), partner
+
+
+def test_of_pairs_side_by_side_neither_is_given() -> None:
+    """Of a marker that both sets hold twice two pairs were given, one of them wrong, or all was refused."""
+    for seed in range(20):
+        ct, ots, partner = read_twice(seed, markers=6)
+        pairing = match_points(ct, ots)
+        assert pairing.pairs.tolist() == [[i, partner[i]] for i in range(1, 6)], (seed, pairing.reason)
+        assert 0 in pairing.doubtful[:, 0]
+        known = match_points(ct, ots, known_pairs=[(0, partner[0])])
+        assert known.pairs.tolist() == [[i, partner[i]] for i in range(6)], "unless it was pointed at"
+
+
+def test_of_two_markers_at_one_place_neither_is_given_but_all_others() -> None:
+    """All were refused."""
+    layout = np.vstack((HEAD[:5], HEAD[:1]))
+    assert match_points(layout, layout + 7.0, expected=6).pairs.tolist() == [[i, i] for i in range(1, 5)]
+
+
+def test_nothing_is_given_where_too_few_pairs_lie_by_themselves() -> None:
+    pairing = match_points(*read_twice(3, markers=3)[:2])
+    assert pairing.status == "unmatched"
+    assert "2 pairs are left" in pairing.reason
+    assert "read twice" in pairing.reason
