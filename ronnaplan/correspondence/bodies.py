@@ -96,10 +96,12 @@ def odds_of_body_beside(problem: Problem, poses: list[Pose], of_pairs: FloatArra
 def is_other_body(best: Pose, rival: Pose) -> bool:
     """Tell whether both sets hold the bodies of both poses: they share few points, and the best fits as well.
 
+    As well as the rival, or as errors as stated let it: a rival that fits better than these tells nothing of them.
     What each explains is explained then, whichever is the patient: evidence does not tell.
     """
     size, left = len(rival.pairs), int((left_by(best.partner, rival.partner) >= 0).sum())
-    return 2 * left >= size and fits_as_well(rival.chi2, size, best.chi2, len(best.pairs))
+    chi2 = max(rival.chi2, 3.0 * size - 6.0)
+    return 2 * left >= size and fits_as_well(chi2, size, best.chi2, len(best.pairs))
 
 
 def larger_first(found: Found) -> Found:
@@ -118,13 +120,14 @@ def odds_of_rivals(found: Found) -> float:
 
     By their evidence.  But one that pairs them otherwise and fits as well has those of its size: they are regular (a
     lattice, a circle), and of so many points the noise alone makes evidences differ by many nats.  Another body has
-    those of its size alone, see `odds_of_bodies`, too.
+    those of its own points alone, see `odds_of_bodies`.
     """
     best, *others = found.poses
     total, points = 0.0, found.chance.point_probabilities
     for rival in others:
-        by_evidence = math.exp(min(rival.log_evidence - best.log_evidence, 0.0))
-        odds, size = 0.0 if is_other_body(best, rival) else by_evidence, len(rival.pairs)
+        if is_other_body(best, rival):
+            continue
+        odds, size = math.exp(min(rival.log_evidence - best.log_evidence, 0.0)), len(rival.pairs)
         if size >= LEAST_REGULAR and fits_as_well(best.chi2, len(best.pairs), rival.chi2, size):
             odds = max(odds, odds_by_size(points(best), points(rival)))
         total += odds

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ronnaplan.correspondence import match_points
-from ronnaplan.correspondence.bodies import odds_by_size, odds_of_body_beside
+from ronnaplan.correspondence.bodies import odds_by_size, odds_of_body_beside, odds_of_rivals
 from ronnaplan.correspondence.chance import Claims
 from ronnaplan.correspondence.poses import Search, find_poses, refined_poses, weighed_with
 from ronnaplan.correspondence.rivals import LOG_ODDS_PER_PAIR
@@ -106,8 +106,30 @@ def test_a_larger_body_whose_errors_are_far_larger_is_not_given(seed: int) -> No
     """Chance would not make its residuals so much larger: size is for the one, evidence for the other."""
     rng = np.random.default_rng(seed)
     parts = [ball(rng, 20, 60.0), ball(rng, 26, 60.0)]
-    ct, ots, _ = apart(rng, parts, 10, 150.0, np.repeat([0.4, 1.4], [20, 26])[:, None])
+    ct, ots, _ = apart(rng, parts, 10, 150.0, np.repeat([0.4, 2.0], [20, 26])[:, None])
     assert match_points(ct, ots).status == "ambiguous"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_larger_body_whose_errors_are_nearly_as_stated_is_given_whatever_the_others_are(seed: int) -> None:
+    """Refused in 37 of 40: its residuals were far larger than those of the smaller one, which errs less than stated."""
+    rng = np.random.default_rng(seed)
+    parts = [ball(rng, 24, 60.0), ball(rng, 20, 60.0)]
+    ct, ots, partner = apart(rng, parts, 10, 150.0, np.repeat([1.4, 0.7], [24, 20])[:, None])
+    pairs = match_points(ct, ots).pairs
+    assert len(pairs) > 0
+    assert (pairs[:, 0] < 24).all()
+    assert (partner[pairs[:, 0]] == pairs[:, 1]).all()
+
+
+def test_another_body_is_weighed_by_its_own_points_and_not_by_those_that_the_best_claims() -> None:
+    """The larger was refused: the other one's pairs that met by chance at its points counted as more markers."""
+    rng = np.random.default_rng(57)
+    row = rng.uniform(-0.5, 0.5, (16, 3)) * [80, 8, 8]
+    ct, ots, _ = apart(rng, [ball(rng, 20, 50.0), row], 20, 90.0)
+    found = find_poses(problem_of(ct, ots), 1e-3)
+    assert [left_by(found.poses[0].partner, other.partner).max() >= 0 for other in found.poses[1:]] == [True]
+    assert odds_of_rivals(found) == 0.0
 
 
 @pytest.mark.parametrize(("count", "seed"), [(4, 9), (4, 39), (4, 45), (6, 23), (6, 31)])
