@@ -99,7 +99,6 @@ def weighed_meetings(
     return odds, stray, most
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def shared_out(i: IntArray, j: IntArray, odds: FloatArray, counts: tuple[int, int]) -> FloatArray:
     """Return the probability of each meeting (L,) that it is a pair, were each that can be made one marker more.
 
@@ -112,7 +111,6 @@ def shared_out(i: IntArray, j: IntArray, odds: FloatArray, counts: tuple[int, in
     return to_ct / (1.0 + np.bincount(i, to_ct, counts[0])[i])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def sure_pairs(meetings: Meetings, paired: FloatArray, ct: Densities, ots: Densities, sigma: float) -> FloatArray:
     """Return the probability of each meeting (L,) that it is of two readings of one marker, not of strays.
 
