@@ -12,7 +12,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import invert, transform_points
 from ronnaplan.robot.placement import blocking
 from ronnaplan.robot.placement.job import Job
-from ronnaplan.robot.placement.most import alone, serving_most
+from ronnaplan.robot.placement.most import CLIMBING, alone, serving_most
 from ronnaplan.robot.placement.near import what_comes_near
 from ronnaplan.robot.placement.parking import probability
 from ronnaplan.robot.placement.route import Route, plan_route
@@ -36,7 +36,7 @@ COARSE = Fineness(24, 60.0)
 FINE = Fineness(72, 5.0)
 """What is told of a base is measured with; the search's rolls are among these: what serves there serves here."""
 CLOSER = replace(COARSE, rolls=FINE.rolls)
-"""What is asked of a place near by where the search's rolls do not serve: as many rolls as after parking."""
+"""What is asked of places where the search's rolls do not serve: as many rolls as after parking."""
 PLACES, TRIED = 3, 6
 """The best base and its alternatives; so many are looked at closely until as many have free ways to all tasks."""
 SCATTERED = 16_384
@@ -79,25 +79,29 @@ def find_places(job: Job) -> Placement:
 
     One with free ways to all tasks comes before any that has none to some.
     """
-    coarse, fine = job.problem(COARSE), job.problem(FINE)
+    coarse, closer, fine = (job.problem(one) for one in (COARSE, CLOSER, FINE))
     bases = grid(coarse)
     if not len(bases):
         return Placement(job.room_from_ct, (), ("no base on the floor is within the arm's reach of the head",))
-    found = worths(coarse, bases)
+    search, found = coarse, worths(coarse, bases)
     if not (found >= 0.0).any():
         most, each = serving_most(coarse, bases)
-        bases = most if each.all(axis=1).any() else scattered(coarse, SCATTERED)
-        found = worths(coarse, bases)
+        further = most if each.all(axis=1).any() else scattered(coarse, SCATTERED)
+        found = worths(coarse, further)
+        if (found >= 0.0).any():
+            bases = further
+        else:  # a floor of one base is not refused for rolls by which that base, once parked, serves all
+            search, bases = closer, np.concatenate([bases, most[-CLIMBING:]])
+            found = worths(closer, bases)
         if not (found >= 0.0).any():
             return Placement(job.room_from_ct, (), _blocked(job, coarse, most, each))
-    tops, values = refined(coarse, bases, found)
+    tops, values = refined(search, bases, found)
     best = [tops[n] for n in best_apart(tops, values, TRIED)]
-    others = alternatives(replace(coarse, taken=tuple(best)), bases, found)
+    others = alternatives(replace(search, taken=tuple(best)), bases, found)
     tried = itertools.islice(itertools.chain(best, others), TRIED)
-    closer = job.problem(CLOSER)
 
     def looked_at(base: FloatArray) -> Place | list[int]:
-        return _place(job, fine, base_pose(base), probability(coarse, closer, base, job.room.parking))
+        return _place(job, fine, base_pose(base), probability(search, closer, base, job.room.parking))
 
     places: list[Place] = []
     missing = PLACES

@@ -328,6 +328,19 @@ def few_further_bases(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ronnaplan.robot.placement.placement.SCATTERED", 64)
 
 
+@pytest.mark.usefixtures("few_further_bases")
+def test_the_one_base_of_a_floor_is_found_where_only_rolls_between_those_of_the_search_serve(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It was refused, though as the base that was measured there it serves all."""
+    monkeypatch.setattr("ronnaplan.robot.placement.placement.probability", lambda *_: None)
+    given, (x, y, z, turn) = job(730007, 16, 8), (-780.0, -188.0, 801.0, 91.0)
+    floor = replace(given.room.floor, x_mm=(x, x), y_mm=(y, y), z_mm=(z, z), turn_deg=(turn, turn))
+    given = replace(given, room=replace(given.room, floor=floor), tasks=given.tasks[3:4])
+    assert check_parked(given, base_pose(np.array([x, y, z, turn]))).places
+    assert find_places(given).places
+
+
 def blocked(trajectory: tuple[FloatArray, FloatArray], **changes: object) -> str:
     given = job(0, 1, 0, floor=SMALL, **changes)
     task = drill_task("LH", *trajectory, given.room.tool, 180.0, 2.4)
