@@ -323,12 +323,13 @@ def test_parking_strays_as_it_is_told() -> None:
 
 
 @pytest.fixture
-def few_further_bases(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Thousands that serve nothing take half a minute."""
+def few_further_bases_and_entries(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Thousands that serve nothing take half a minute, and 180 entries in the place of a blocked one seconds."""
     monkeypatch.setattr("ronnaplan.robot.placement.placement.SCATTERED", 64)
+    monkeypatch.setattr("ronnaplan.robot.placement.blocking.TURNS_DEG", np.array([15.0, 45.0]))
 
 
-@pytest.mark.usefixtures("few_further_bases")
+@pytest.mark.usefixtures("few_further_bases_and_entries")
 def test_the_one_base_of_a_floor_is_found_where_only_rolls_between_those_of_the_search_serve(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -354,7 +355,7 @@ ABOVE_MM, FAR_MM = np.array([0.0, 0, 95]), np.array([1500.0, 0, 0])
 FROM_ABOVE = (CENTER_MM + ABOVE_MM, CENTER_MM)
 
 
-@pytest.mark.usefixtures("few_further_bases")
+@pytest.mark.usefixtures("few_further_bases_and_entries")
 def test_what_blocks_is_told() -> None:
     assert "out of the arm's reach" in blocked((CENTER_MM + 1.1 * FAR_MM, CENTER_MM + FAR_MM))
     assert "a singular posture" in blocked(FROM_ABOVE, margins=Margins(singularity_deg=89.0))
@@ -367,7 +368,7 @@ def test_what_blocks_is_told() -> None:
     assert "nearest entry that works is turned by" in from_below or "works either" in from_below
 
 
-@pytest.mark.usefixtures("few_further_bases")
+@pytest.mark.usefixtures("few_further_bases_and_entries")
 def test_an_instrument_too_short_meets_the_head_with_its_holder() -> None:
     given = job(0, 1, 0, floor=SMALL, tracker=None)
     task = drill_task("LH", *FROM_ABOVE, given.room.tool, 95.0, 2.4)
@@ -375,7 +376,7 @@ def test_an_instrument_too_short_meets_the_head_with_its_holder() -> None:
     assert "holder would meet the head for every base that was tried; 20 mm are asked for" in sentence
 
 
-@pytest.mark.usefixtures("few_further_bases")
+@pytest.mark.usefixtures("few_further_bases_and_entries")
 def test_what_a_body_would_meet_is_named_though_the_tracker_sees_not_every_roll() -> None:
     board = Box("board", (0.0, 0.0, 1190.0), (400.0, 400.0, 20.0))
     sentence = blocked(FROM_ABOVE, boxes=(*room().boxes, board))
