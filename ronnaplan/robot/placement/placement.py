@@ -86,13 +86,7 @@ def find_places(job: Job) -> Placement:
     search, found = coarse, worths(coarse, bases)
     if not (found >= 0.0).any():
         most, each = serving_most(coarse, bases)
-        further = most if each.all(axis=1).any() else scattered(coarse, SCATTERED)
-        found = worths(coarse, further)
-        if (found >= 0.0).any():
-            bases = further
-        else:  # a floor of one base is not refused for rolls by which that base, once parked, serves all
-            search, bases = closer, np.concatenate([bases, most[-CLIMBING:]])
-            found = worths(closer, bases)
+        search, bases, found = _elsewhere(coarse, closer, bases, most, each)
         if not (found >= 0.0).any():
             return Placement(job.room_from_ct, (), _blocked(job, coarse, most, each))
     tops, values = refined(search, bases, found)
@@ -112,6 +106,22 @@ def find_places(job: Job) -> Placement:
         return Placement(job.room_from_ct, (), ("looked at closely, no base serves every task all along its way",))
     places.sort(key=lambda one: len(one.route.stuck))
     return Placement(job.room_from_ct, tuple(places[:PLACES]), ())
+
+
+def _elsewhere(
+    coarse: Problem, closer: Problem, bases: FloatArray, most: FloatArray, each: NDArray[np.bool_]
+) -> tuple[Problem, FloatArray, FloatArray]:
+    """Return the rolls and the bases (N, 4) to go on with where none of the grid's serves all, and their worths (N,).
+
+    ``most`` and ``each``: what `serving_most` returns of these.
+    """
+    further = most if each.all(axis=1).any() else scattered(coarse, SCATTERED)
+    found = worths(coarse, further)
+    if (found >= 0.0).any():
+        return coarse, further, found
+    # A floor of one base is not refused for rolls by which that base, once parked, serves all.
+    asked = np.concatenate([bases, most[-CLIMBING:]])
+    return closer, asked, worths(closer, asked)
 
 
 def check_parked(job: Job, room_from_r: FloatArray) -> Placement:
