@@ -8,8 +8,8 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.placement.room import Parking
 from ronnaplan.robot.placement.search import Problem, serves
 
-SAMPLES = 1024
-"""Of a Sobol sequence."""
+SAMPLES = 512
+"""Of a Sobol sequence: in 13 places told within 1.1 percentage points of what eight times as many tell."""
 
 
 def probability(
