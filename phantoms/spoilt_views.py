@@ -52,7 +52,6 @@ def glare(image: FloatArray, at: FloatArray, radius_px: float, width_px: float, 
 
 def glints(image: FloatArray, at: FloatArray, clear_px: float, number: int, rng: np.random.Generator) -> None:
     """Draw bright ellipses of all sizes, none nearer to the ball than ``clear_px``."""
-    rows, columns = np.ogrid[: SIZE[0], : SIZE[1]]
     for _ in range(number):
         middle, angle = rng.uniform((0, 0), SIZE[::-1]), rng.uniform(0, np.pi)
         axes = np.exp(rng.uniform(np.log(2), np.log(40), 2))
@@ -60,6 +59,7 @@ def glints(image: FloatArray, at: FloatArray, clear_px: float, number: int, rng:
             continue
         first, past = np.maximum(middle - axes.max(), 0).astype(int), (middle + axes.max()).astype(int) + 1
         around = np.s_[first[1] : past[1], first[0] : past[0]]  # no other pixel is within
-        right, down = columns[:, around[1]] - middle[0], rows[around[0]] - middle[1]
+        right, down = _offsets_from(middle)
+        right, down = right[:, around[1]], down[around[0]]
         x, y = right * np.cos(angle) + down * np.sin(angle), down * np.cos(angle) - right * np.sin(angle)
         image[around][np.hypot(x / axes[0], y / axes[1]) < 1] = rng.uniform(200, 255)

@@ -95,7 +95,7 @@ def find_places(job: Job) -> Placement:
     tried = itertools.islice(itertools.chain(best, others), TRIED)
 
     def looked_at(base: FloatArray) -> Place | list[int]:
-        return _place(job, fine, base_pose(base), probability(search, closer, base, job.room.parking))
+        return _place(job, fine, base_pose(base), probability(coarse, closer, base, job.room.parking))
 
     places: list[Place] = []
     missing = PLACES
