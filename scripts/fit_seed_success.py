@@ -69,7 +69,7 @@ def success(rng: np.random.Generator, body: FloatArray, seeds: int, every: bool)
     )
     right = 0
     for found, hit in zip(matrices, hits, strict=True):
-        refined = poses.refine(search, found[hit > 0], max(search.needed[1], 1))
+        refined = poses.refine(search, found[hit > 0], max(search.needed_of_all[1], 1))
         right += any((pose.partner[:BODY] == np.arange(BODY)).mean() > 0.5 for pose in refined)
     passes = float(search.passes(np.array([float(BODY)]))[0])
     return right / seeds / passes

@@ -26,10 +26,6 @@ BESIDE_CHI2, FEWER_BESIDE, MOST_BESIDE = 12.0, 2, 1600
 """A body beside the best pose's is sought by distances that agree within 3.5 standard deviations, where it has at most
 so many pairs fewer (three make odds of 1 %), and there are up to so many possible pairs: 40 points of either set."""
 
-THIN_SUCCESS = 0.01
-"""Share of a thin body's triangles that lead to its pose.  Of rows of 16 to 45 markers, 6 mm thick, none to one in a
-hundred do: most triangles are so flat that they leave the turn about the row open."""
-
 
 def points_left(problem: Problem, best: Pose, of_pairs: FloatArray) -> tuple[IntArray, IntArray, int]:
     """Return the CT and the OTS points that are none of the best pose's, and how many pairs of theirs are a rival.
@@ -59,7 +55,7 @@ def poses_beside(found: Found, best: Pose, of_pairs: FloatArray, acceptable: flo
         return []
     rest = problem.only(i, j)
     work_done = max(work_allowed(rest) - work_allowed(problem) + found.work, 0.0)
-    return find_poses(rest, acceptable, least, work_done, success=(THIN_SUCCESS, THIN_SUCCESS)).poses
+    return find_poses(rest, acceptable, least, work_done).poses
 
 
 def odds_of_body_beside(problem: Problem, poses: list[Pose], of_pairs: FloatArray) -> float:

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
-from scipy.special import bdtrc, comb
+from scipy.special import comb
 
 from ronnaplan.correspondence.chance import Chance
 from ronnaplan.correspondence.lookup import Grid, Table, distance_table, point_grid
@@ -21,7 +21,14 @@ from ronnaplan.correspondence.problem import Problem
 from ronnaplan.correspondence.refining import REFINING_SIGMAS, refined
 from ronnaplan.correspondence.seeds import MOST_TRIANGLES, first_in_order, poses_of_seeds, seed_stream
 from ronnaplan.correspondence.told import LEAST_PAIRS
-from ronnaplan.correspondence.trials import REACH_SIGMAS, STOPPED, WIDEST_REACH_SIGMAS
+from ronnaplan.correspondence.trials import (
+    MOST_TRIALS,
+    REACH_SIGMAS,
+    STOPPED,
+    WIDEST_REACH_SIGMAS,
+    at_least,
+    needed_hits,
+)
 from ronnaplan.correspondence.weighing import Pose, add_pose
 from ronnaplan.geometry import FloatArray
 
@@ -37,17 +44,6 @@ heads, plates and rods; rivals of 14 points planted in a test are found at 0.3."
 
 PREDICTED = 0.6
 """Share of a body's points whose place one of its triangles predicts well enough to try them."""
-
-MOST_TRIALS = 128
-"""CT points on which the pose of a seed is tried."""
-
-TRIALS_PER_HIT, LEAST_HITS = 24, 2
-"""Of the trial points one in so many must meet an OTS point at least, up to so many: smaller bodies could not be found
-in time."""
-
-CHANCE_PASSES = ((1e-2, 1e-5), (1e-2, 1e-3))
-"""So many hits are needed that a false pose passes the trial, and then that of all points, with these probabilities:
-where seeds are drawn, and where every triangle is.  Those are few, and with fewer hits a body of seven is found."""
 
 CROWDING_SIGMAS = 15.0
 """How crowded the OTS points are is told from their neighbours within this."""
@@ -96,24 +92,28 @@ class Search:
 
     problem: Problem
     grid: Grid
-    needed: tuple[int, int]
+    needed: tuple[IntArray, IntArray]
     chance: float
     every: bool
-    success: tuple[float, float]
-    """Share of the triangles within a body of `SUCCESS_SIZES` that lead to its pose."""
 
     @classmethod
-    def of(cls, problem: Problem, every: bool, success: tuple[float, float] | None = None) -> Search:
-        """Return the search in which ``every`` seed is drawn, or only some; ``success``: if not `SEED_SUCCESS`."""
+    def of(cls, problem: Problem, every: bool) -> Search:
+        """Return the search in which ``every`` seed is drawn, or only some."""
         grid = point_grid(problem.ots, problem.sigma_mm, WIDEST_REACH_SIGMAS * problem.sigma_mm)
         chance = chance_of_hit(problem)
         needed = needed_hits(len(problem.ct) - 3, chance, every)
-        return cls(problem, grid, needed, chance, every, success or SEED_SUCCESS[every])
+        return cls(problem, grid, needed, chance, every)
 
     @cached_property
     def table(self) -> Table:
         """The OTS points' distances, by which seeds are looked up."""
         return distance_table(self.problem.ots, self.problem.sigma_mm)
+
+    @property
+    def needed_of_all(self) -> tuple[int, int]:
+        """The hits that are needed, at first and then, by a seed that predicts every point."""
+        rest = len(self.problem.ct) - 3
+        return int(self.needed[0][min(MOST_TRIALS, rest)]), int(self.needed[1][rest])
 
     @property
     def sides_chi2(self) -> float:
@@ -127,34 +127,37 @@ class Search:
         C(size, 3) of them; one is found out where enough of the points tried are of the body.
         """
         size = np.asarray(sizes, dtype=np.float64)
-        success = np.interp(size, SUCCESS_SIZES, self.success)
-        found_out = drawn * success * self.passes(size)
-        return np.asarray((1.0 - found_out) ** comb(size, 3))
+        return np.asarray((1.0 - drawn * self.found_out(size)) ** comb(size, 3))
+
+    def to_draw(self, size: float, acceptable: float) -> float:
+        """Return the share of all triangles to draw until a pose of ``size`` pairs is missed so rarely, or more."""
+        if size < LEAST_PAIRS:  # nothing is sought
+            return math.inf
+        each = 1.0 - acceptable ** (1.0 / comb(size, 3))
+        return float(each) / max(float(self.found_out(np.asarray(size))), 1e-9)
+
+    def found_out(self, size: FloatArray) -> FloatArray:
+        """Return the probability that a triangle within a body of ``size`` points, once drawn, leads to its pose."""
+        return np.asarray(np.interp(size, SUCCESS_SIZES, SEED_SUCCESS[self.every]) * self.passes(size))
 
     def passes(self, size: FloatArray) -> FloatArray:
         """Return the probability that enough of the points tried are of a body of ``size`` points."""
         rest, of_body = len(self.problem.ct) - 3, np.maximum(size - 3.0, 0.0)
         tried, share = min(MOST_TRIALS, rest), self.share(size)
-        enough = np.asarray(of_body >= max(self.needed))
+        enough = np.asarray(of_body >= max(self.needed_of_all))
         if self.every:  # not every triangle predicts every point: of small cubes and rows other orders were missed
-            shown = at_least(max(self.needed), np.round(of_body).astype(np.int64), PREDICTED)
+            shown = at_least(max(self.needed_of_all), np.round(of_body).astype(np.int64), PREDICTED)
             return np.where(size < SUCCESS_SIZES[0], shown, enough)
         if tried == rest:
             return np.asarray((1.0 - STOPPED) * enough, dtype=np.float64)
         first, all_points = (
-            at_least(n, count, share) for n, count in zip(self.needed, (tried, rest), strict=True)
+            at_least(n, count, share) for n, count in zip(self.needed_of_all, (tried, rest), strict=True)
         )
         return np.asarray(first * all_points * (1.0 - STOPPED))
 
     def share(self, size: FloatArray | float) -> FloatArray:
         """Return the share of the trial points that are of a body of ``size`` points, and tried."""
         return np.asarray(PREDICTED * np.maximum(np.asarray(size) - 3.0, 0.0) / max(len(self.problem.ct) - 3, 1))
-
-
-def at_least(needed: ArrayLike, count: int | IntArray, share: FloatArray | float) -> FloatArray:
-    """Return the probability of ``needed`` successes or more among ``count`` trials that succeed with ``share``."""
-    fewer, most = np.asarray(needed) - 1, np.asarray(count)
-    return np.where(fewer < 0, 1.0, bdtrc(np.clip(fewer, 0, most), most, np.asarray(share)))
 
 
 def work_allowed(problem: Problem) -> float:
@@ -168,21 +171,20 @@ def find_poses(
     least_size: int = 0,
     work_done: float = 0.0,
     before: Sequence[Pose] = (),
-    success: tuple[float, float] | None = None,
 ) -> Found:
     """Return the poses that pair more points than chance would, those found ``before`` with other errors among them.
 
     Seeds are drawn until a pose with as many right pairs as the best, and with ``least_size``, is missed with at most
     the ``acceptable`` probability, or the work allowed, less the ``work_done`` before, is done.  They are triangles
-    drawn alike from all of the CT points', so that any body is found, compact or wide.  ``success``: see `Search`.
+    drawn alike from all of the CT points', so that any body is found, compact or wide.
     """
     triangles = math.comb(len(problem.ct), 3)
-    search = Search.of(problem, triangles <= MOST_TRIANGLES, success)
+    search = Search.of(problem, triangles <= MOST_TRIANGLES)
     rng = np.random.default_rng(len(problem.ct) * 10_007 + len(problem.ots))
     work_left = work_allowed(problem) - work_done
     poses = refined_poses(search, before)
     chance, best, size = Chance.of(problem), None, float(least_size)
-    done, missed, batch = 0, 1.0, FIRST_BATCH
+    done, batch, wanted = 0, FIRST_BATCH, triangles * search.to_draw(size, acceptable)
     draw = seed_stream(rng, len(problem.ct))
     with ThreadPoolExecutor(PARTS) as pool:
         while len(seeds := draw(batch)):
@@ -193,18 +195,17 @@ def find_poses(
             for pose in found:
                 add_pose(poses, pose)
             work_left -= work
-            promised = BATCH_SHARE * work_left * len(seeds) / max(work, 1)
-            batch = int(min(max(promised, LEAST_BATCH), LARGEST_BATCH))
             if poses and (top := max(poses, key=lambda pose: pose.log_evidence)) is not best:
                 best, size = top, max(float(chance.pair_probabilities(top.matrix, top.partner).sum()), least_size)
-            # So long as nothing is sought it is missed; to count that took a tenth of a millisecond each time.
-            missed = float(search.missed(size, min(done / triangles, 1.0))) if size >= LEAST_PAIRS else 1.0
-            if missed < acceptable or work_left <= 0:
+                wanted = triangles * search.to_draw(size, acceptable)
+            if done >= wanted or work_left <= 0:
                 break
+            promised = max(BATCH_SHARE * work_left * len(seeds) / max(work, 1), LEAST_BATCH)
+            batch = math.ceil(min(promised, LARGEST_BATCH, wanted - done))
     poses.sort(key=lambda pose: -pose.log_evidence)
-    unsure = search.missed(np.arange(len(problem.ct)), min(done / triangles, 1.0)) >= MISSED_FOR_SURE
-    sure = int(np.flatnonzero(unsure).max(initial=LEAST_PAIRS - 1)) + 1
-    return Found(poses, missed, done >= triangles, sure, work_allowed(problem) - work_left, chance)
+    *missed, of_size = search.missed([*range(len(problem.ct)), size], min(done / triangles, 1.0))
+    sure = int(np.flatnonzero(np.array(missed) >= MISSED_FOR_SURE).max(initial=LEAST_PAIRS - 1)) + 1
+    return Found(poses, float(of_size), done >= triangles, sure, work_allowed(problem) - work_left, chance)
 
 
 def weighed_with(found: Found, poses: Sequence[Pose]) -> Found:
@@ -238,7 +239,7 @@ def looked_up(
     In `PARTS` parts, however many cores there are: every machine finds the same.
     """
     problem, table = search.problem, search.table
-    share = 0.0 if search.every else float(search.share(max(size, search.needed[1] + 3)))
+    share = 0.0 if search.every else float(search.share(max(size, search.needed_of_all[1] + 3)))
 
     def of_part(part: IntArray) -> tuple[list[Pose], float, bool]:
         matrices, hits, work, finished = poses_of_seeds(
@@ -247,7 +248,7 @@ def looked_up(
         )  # fmt: skip
         found = matrices[hits > 0]
         return (
-            refine(search, found, max(search.needed[1], 1)),
+            refine(search, found, max(search.needed_of_all[1], 1)),
             work + REFINING_WORK * len(problem.ct) * len(found),
             finished,
         )
@@ -269,22 +270,6 @@ def chance_of_hit(problem: Problem) -> float:
     reach, wide = 1.5 * REACH_SIGMAS * problem.sigma_mm, CROWDING_SIGMAS * problem.sigma_mm
     crowding = (tree.count_neighbors(tree, wide) / len(problem.ots) - 1.0) * (reach / wide) ** 3
     return float(min(max(crowding, 1e-6), 0.5))
-
-
-def needed_hits(rest: int, chance: float, every: bool) -> tuple[int, int]:
-    """Return how many of the trial points, and of the ``rest``, must meet an OTS point before chance is unlikely.
-
-    ``every``: whether every seed is drawn.
-    """
-    if rest <= 0:
-        return 0, 0
-    tried = min(MOST_TRIALS, rest)
-    first, all_points = (
-        int((at_least(np.arange(count + 1), count, chance) > unlikely).sum())
-        for unlikely, count in zip(CHANCE_PASSES[every], (tried, rest), strict=True)
-    )
-    least = min(tried // TRIALS_PER_HIT, LEAST_HITS)
-    return max(first, least), max(all_points, least)
 
 
 def refine(search: Search, matrices: FloatArray, needed: int) -> list[Pose]:

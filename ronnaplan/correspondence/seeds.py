@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
-from ronnaplan.correspondence.lookup import Grid, Table, side
+from ronnaplan.correspondence.lookup import FAR_MM, Grid, Table, side
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.trials import MOST_SHARE, NO_LINE, count_hits, stopping_line, trial_points
 from ronnaplan.geometry import FloatArray
@@ -26,6 +26,9 @@ MOST_TRIANGLES = 8_000
 
 MOST_POSES = 3
 """Poses that one seed hands on: those with the most hits."""
+
+BLOCK = 8
+"""So many distances are looked at together."""
 
 SCAN_WORK, ROW_WORK, POSE_WORK, POINT_WORK, HAND_WORK = 2, 20, 40, 5, 800
 """Work of looking at a distance, of entering a row, of making a pose, of preparing a trial point, and of handing a pose
@@ -147,37 +150,48 @@ def triangles_at(
     around: FloatArray,
     bounds: tuple[np.uint64, ...],
     sides: tuple[float, ...],
+    scale: float,
     limit: float,
     found: NDArray[np.int32],
 ) -> int:
     """Enter where in a row (q, r) of the OTS triangles (p, q, r) with these sides stand; return their number.
 
-    ``around`` (4, m): p's others by distance, and that distance.  ``bounds``: where q begin and end, and r.
+    ``around`` (4, m): p's others by distance, and that distance, then a block that is far away.  ``bounds``: where q
+    begin and end, and r.  ``scale``: what makes a difference of squares one of the third side, to first order.
     """
     q_first, q_end, r_first, r_end = bounds
     ab, ac, bc = sides
-    square_bc, scale, count = bc * bc, 0.5 / max(bc, math.sqrt(limit)), 0
+    # What lies behind `r_end` agrees with no side. In whole blocks the loop has no rest that is looked at one by one.
+    r_end = r_first + (r_end - r_first + np.uint64(BLOCK - 1)) // np.uint64(BLOCK) * np.uint64(BLOCK)
+    square_bc, count = bc * bc, 0
     for q in range(q_first, q_end):
         left = limit - (around[3, q] - ab) ** 2
         x, y, z = around[0, q], around[1, q], around[2, q]
-        for r in range(r_first, r_end):
+        hits, r = 0, r_first
+        for at in range(r_first, r_end):  # hardly any agree; to count them alone is done several at a time
+            u, v, w = around[0, at] - x, around[1, at] - y, around[2, at] - z
+            of_bc, of_ac = scale * (u * u + v * v + w * w - square_bc), around[3, at] - ac
+            hits += of_bc * of_bc + of_ac * of_ac <= left
+        while hits > 0 and r < r_end:
             u, v, w = around[0, r] - x, around[1, r] - y, around[2, r] - z
             of_bc, of_ac = scale * (u * u + v * v + w * w - square_bc), around[3, r] - ac
-            if of_bc * of_bc + of_ac * of_ac <= left and r != q:  # one comparison, hardly ever true
-                found[count, 0], found[count, 1] = q, r
-                count += 1
+            found[count, 0], found[count, 1] = q, r
+            is_hit = of_bc * of_bc + of_ac * of_ac <= left
+            hits -= is_hit
+            count += is_hit and r != q
+            r += np.uint64(1)
     return count
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def hand_on(
     ct: FloatArray, near: NDArray[np.int16], places: FloatArray, cells: FloatArray, corners: IntArray,
-    frame: FloatArray, met: FloatArray, least: int, sigma: float, everyone: FloatArray, carried: FloatArray,
+    frame: FloatArray, met: FloatArray, needed: IntArray, sigma: float, everyone: FloatArray, carried: FloatArray,
     poses: FloatArray, hits: IntArray,
 ) -> int:  # fmt: skip
     """Enter the pose that brings the seed's ``frame`` onto ``met`` if it brings enough of all; return the work."""
     total = trial_points(ct, corners, frame, np.arange(len(ct)), sigma, everyone)
-    lowest = np.argmin(hits)
+    lowest, least = np.argmin(hits), needed[total]
     count, work = count_hits(
         near, places, cells, met, everyone, total, max(least, hits[lowest] + 1), NO_LINE, carried
     )
@@ -199,7 +213,7 @@ def poses_of_seeds(
     grid: Grid,
     seeds: IntArray,
     trials: IntArray,
-    needed: tuple[int, int],
+    needed: tuple[IntArray, IntArray],
     shares: tuple[float, float],
     table: Table,
     sigma: float,
@@ -209,7 +223,7 @@ def poses_of_seeds(
 ) -> tuple[FloatArray, IntArray, float, bool]:
     """Return the poses (S, MOST_POSES, 3, 4) of seeds (S, 3) that meet the most points, their hits, and the work.
 
-    ``needed``: hits among the ``trials`` and among all points at least.  ``shares``: those of the trials that hit by
+    ``needed``: hits at least among so many ``trials``, and points (R,).  ``shares``: those of the trials that hit by
     chance, and under a right pose.  ``sides_chi2``: sum of squared differences of the three sides, in variances of a
     side's difference, up to which triangles agree.  ``table``: see `lookup.distance_table`.  ``hits`` (S, MOST_POSES)
     is 0 where no pose was entered.  The fourth result tells whether the seeds were looked up in all of the OTS points,
@@ -221,7 +235,8 @@ def poses_of_seeds(
     corners, sides, frames, local, tried, lines = prepare_seeds(ct, seeds, trials, shares, sigma)
     limit = sides_chi2 * 2.0 * sigma * sigma
     steps = steps_of(sides, math.sqrt(limit), step, starts.shape[1])
-    around, everyone, met = np.empty((4, len(ots))), np.empty((4, len(ct))), np.empty((3, 4))
+    scales = 0.5 / np.maximum(sides[:, 2], math.sqrt(limit))
+    around, everyone, met = np.full((4, len(ots) + BLOCK), FAR_MM), np.empty((4, len(ct))), np.empty((3, 4))
     found, carried = np.empty((len(ots) * len(ots), 2), np.int32), np.empty((4, max(len(ct), trials.shape[1])))
     work = POINT_WORK * len(seeds) * trials.shape[1]
     for p in range(len(ots)):  # a row of distances is read once for all seeds
@@ -239,16 +254,16 @@ def poses_of_seeds(
             if q_first == q_end or r_first == r_end:
                 continue
             bounds, three = (q_first, q_end, r_first, r_end), (sides[s, 0], sides[s, 1], sides[s, 2])
-            count = triangles_at(around, bounds, three, limit, found)
+            count = triangles_at(around, bounds, three, scales[s], limit, found)
             if count == 0:
                 continue
-            of_seed, line = local[s], (lines[s, 0], lines[s, 1])
+            of_seed, least, line = local[s], needed[0][tried[s]], (lines[s, 0], lines[s, 1])
             for e in range(count):
                 q, r = order[p, found[e, 0]], order[p, found[e, 1]]
                 triangle_frame(ots, p, q, r, met)
-                number, done = count_hits(near, places, cells, met, of_seed, tried[s], needed[0], line, carried)
+                number, done = count_hits(near, places, cells, met, of_seed, tried[s], least, line, carried)
                 work += POSE_WORK + done
-                if number >= needed[0] and not is_known(known, corners[s], p, q, r):
+                if number >= least and not is_known(known, corners[s], p, q, r):
                     work += hand_on(
                         ct, near, places, cells, corners[s], frames[s], met, needed[1], sigma, everyone, carried,
                         poses[s], hits[s],

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import bdtrc
 
 from kernelcache import njit
 from ronnaplan.correspondence.lookup import side, square_to
@@ -28,8 +29,52 @@ NO_LINE = (0.0, 1.0)
 MOST_SHARE = 0.9
 """Of the trial points no larger a share is relied upon to hit."""
 
+MOST_TRIALS = 128
+"""CT points on which the pose of a seed is tried."""
+
+TRIALS_PER_HIT, LEAST_HITS = 24, 2
+"""Of the trial points one in so many must meet an OTS point at least, up to so many: smaller bodies could not be found
+in time."""
+
+CHANCE_PASSES = ((1e-2, 1e-5), (1e-2, 1e-3))
+"""So many hits are needed that a false pose passes the trial, and then that of all points, with these probabilities:
+where seeds are drawn, and where every triangle is.  Those are few, and with fewer hits a body of seven is found."""
+
 TRIAL_WORK = 6
 """Work of carrying a trial point: about nanoseconds."""
+
+
+def at_least(needed: ArrayLike, count: int | IntArray, share: FloatArray | float) -> FloatArray:
+    """Return the probability of ``needed`` successes or more among ``count`` trials that succeed with ``share``."""
+    fewer, most = np.asarray(needed) - 1, np.asarray(count)
+    return np.where(fewer < 0, 1.0, bdtrc(np.clip(fewer, 0, most), most, np.asarray(share)))
+
+
+def needed_hits(rest: int, chance: float, every: bool) -> tuple[IntArray, IntArray]:
+    """Return how many of 0, 1, ... ``rest`` points tried must meet an OTS point before chance is unlikely.
+
+    At first, and where all that a seed predicts are tried: of a row flat triangles predict few, but nearly all of its
+    own.  ``every``: whether every seed is drawn.
+    """
+    if rest == 0:
+        return np.zeros(1, np.int64), np.zeros(1, np.int64)
+    least = np.minimum(np.arange(rest + 1) // TRIALS_PER_HIT, LEAST_HITS)
+    first, of_all = (np.maximum(hits_beyond(chance, rest, unlikely), least) for unlikely in CHANCE_PASSES[every])
+    return first, of_all
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def hits_beyond(chance: float, most: int, unlikely: float) -> IntArray:
+    """Return the fewest hits that 0, 1, ... ``most`` trials reach by ``chance`` with at most that probability."""
+    hits, probability = np.ones(most + 1, np.int64), np.zeros(most + 2)  # of 0, 1, ... hits
+    probability[0] = 1.0
+    for tried in range(1, most + 1):
+        for k in range(tried, 0, -1):
+            probability[k] += chance * (probability[k - 1] - probability[k])
+        probability[0] *= 1.0 - chance
+        fewest = hits[tried - 1]
+        hits[tried] = fewest + (1.0 - probability[:fewest].sum() > unlikely)
+    return hits
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -74,7 +74,9 @@ def test_a_pose_that_was_found_is_kept_however_many_pairs_are_asked_of_a_seeds()
     ct, ots, _ = bodies(3, [6, 6], [60.0, 60.0], 8, 60.0)
     problem = problem_of(ct, ots)
     found = find_poses(problem, 1e-3)
-    kept = refined_poses(replace(Search.of(problem, every=False), needed=(9, 9)), found.poses)
+    kept = refined_poses(
+        replace(Search.of(problem, every=False), needed=(np.full(20, 9), np.full(20, 9))), found.poses
+    )
     assert [len(pose.pairs) for pose in kept] == [6, 6]
 
 

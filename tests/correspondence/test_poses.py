@@ -52,6 +52,33 @@ def test_few_seeds_that_are_costly_are_shared_out_to_threads(monkeypatch: pytest
     assert threading.current_thread() not in threads
 
 
+def test_no_more_seeds_are_drawn_than_it_takes() -> None:
+    """A batch went beyond what was left to draw: among 1,000 dense points half of them for nothing."""
+    ct, ots, _ = bodies(2, [60], [60.0], 40, 90.0)
+    found = find_poses(problem_of(ct, ots), 1e-3)
+    assert not found.complete
+    assert 0.7e-3 < found.missed <= 1e-3
+
+
+def test_a_row_is_found_as_often_as_a_ball() -> None:
+    """A third as many of its triangles led to poses: flat ones predict few points, and as many hits were asked."""
+    rng = np.random.default_rng(4)
+    row, none = rng.uniform(-0.5, 0.5, (16, 3)) * [50.0, 6.0, 6.0], np.zeros((0, 47), dtype=np.int64)
+    led = []
+    for body in (row, ball(rng, 16, 25.0)):
+        ct, ots = (
+            np.vstack((body + s * rng.normal(size=(16, 3)), ball(rng, 31, 150.0))) for s in (SIGMA_CT, SIGMA_OTS)
+        )
+        search = Search.of(problem_of(ct, ots), every=False)
+        seeds = np.argsort(rng.random((400, 16)), axis=1)[:, :3]
+        hits = poses_of_seeds(
+            ct, ots, search.grid, seeds, np.argsort(rng.random((32, 47)), axis=1), search.needed, (search.chance, 0.2),
+            search.table, search.problem.sigma_mm, search.sides_chi2, none, 1e12,
+        )[1]  # fmt: skip
+        led.append(int((hits > 0).any(axis=1).sum()))
+    assert min(led) > 100
+
+
 def test_a_search_that_was_given_up_says_so() -> None:
     ct, ots, _ = bodies(1, [60], [60.0], 240, 40.0)
     pairing = match_points(ct, ots)
@@ -133,7 +160,7 @@ def test_a_body_that_every_point_must_show_is_not_sure_to_be_seen() -> None:
     """Not every triangle predicts every other point: of a cube's seven corners other orders were missed."""
     ct, ots, _ = bodies(1, [12], [20.0], 12, 20.0)
     search = Search.of(problem_of(ct, ots), every=True)
-    barely, more, fewer = search.passes(np.array([3.0, 6.0, 2.0]) + max(search.needed))
+    barely, more, fewer = search.passes(np.array([3.0, 6.0, 2.0]) + max(search.needed_of_all))
     assert 0.0 == fewer < barely < 0.5 < more
 
 

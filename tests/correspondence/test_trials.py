@@ -4,9 +4,10 @@ from itertools import product
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 
 from ronnaplan.correspondence.lookup import point_grid
-from ronnaplan.correspondence.trials import NO_LINE, TRIAL_WORK, count_hits, stopping_line
+from ronnaplan.correspondence.trials import NO_LINE, TRIAL_WORK, count_hits, hits_beyond, stopping_line
 from ronnaplan.geometry import FloatArray
 from tests.correspondence.scenes import ball
 
@@ -43,3 +44,12 @@ def test_hits_counted_in_blocks_are_those_counted_one_by_one(apart_mm: float) ->
         assert counted == one_by_one(points, pose, tried, total, least, line)
         stopped += counted[0] < 0
     assert 20 < stopped < 180
+
+
+@pytest.mark.parametrize("chance", [1e-6, 0.013, 0.31])
+@pytest.mark.parametrize("unlikely", [0.011, 1e-5])
+def test_so_many_hits_are_needed_that_chance_makes_them_rarely(chance: float, unlikely: float) -> None:
+    needed = hits_beyond(chance, 300, unlikely)[1:]
+    tried = np.arange(1, 301)
+    assert np.all(binom.sf(needed - 1, tried, chance) <= unlikely)
+    assert np.all((binom.sf(needed - 2, tried, chance) > unlikely) | (needed == 1))
