@@ -61,7 +61,7 @@ PARTS = 2
 """Seeds are looked up in so many threads."""
 
 LEAST_SHARED_WORK = 2e7
-"""Few seeds are looked up in one thread where no more work is left: to start threads takes about a hundredth of it."""
+"""Seeds are looked up in one thread where no more work is left: to start threads takes about a hundredth of it."""
 
 REFINING_WORK = 1_000
 """Work of refining a pose, for each CT point."""
@@ -254,7 +254,7 @@ def looked_up(
         )
 
     # Few seeds may be costly: among 1,000 dense points one takes 40 ms.
-    run = pool.map if len(seeds) > LEAST_BATCH or most_work > LEAST_SHARED_WORK else map
+    run = pool.map if most_work > LEAST_SHARED_WORK else map
     ends = [math.ceil(len(seeds) * part / PARTS) for part in range(PARTS + 1)]
     results = list(run(of_part, (seeds[first:end] for first, end in pairwise(ends))))
     poses = [pose for found, _, _ in results for pose in found]
