@@ -33,7 +33,7 @@ from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.correspondence.weighing import Pose, weigh_pairs
 from ronnaplan.geometry import FloatArray
 
-MISSED_SHARE = 0.02
+MISSED_SHARE = 0.01
 """Poses are sought until an equal of the best is missed with at most this share of the doubt that is allowed."""
 
 DOUBTED_SCALE = 1.15

@@ -54,7 +54,7 @@ TRIAL_ORDERS = 32
 """Seeds looked up at once, so many that they take this share of the work that is left; and orders of the trial points
 among them."""
 
-WORK_PER_POINT, WORK_POWER = 24_500.0, 1.67
+WORK_PER_POINT, WORK_POWER = 60_000.0, 1.5
 """The search is given up after this work (1 to 2 ns each) times the larger set's size to this power."""
 
 PARTS = 2

@@ -12,8 +12,9 @@ from ronnaplan.geometry import FloatArray
 PAIR_SIGMAS = 5.5
 """Points further apart than this many standard deviations under the fitted pose do not pair."""
 
-REFINING_SIGMAS = (1.6 * PAIR_SIGMAS, 1.6 * PAIR_SIGMAS, PAIR_SIGMAS, PAIR_SIGMAS, PAIR_SIGMAS)
-"""How near pairs must be in each fit of a pose: the first rest on three points only."""
+REFINING_SIGMAS = (1.6 * PAIR_SIGMAS,) * 2 + (PAIR_SIGMAS,) * 8
+"""How near pairs must be in each fit of a pose, until they stay: the first rest on three points only.  Most stay
+after three to five fits; one that did not was weighed by pairs that are not its own."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
