@@ -30,7 +30,7 @@ MOST_POSES = 3
 BLOCK = 8
 """So many distances are looked at together."""
 
-SCAN_WORK, ROW_WORK, POSE_WORK, POINT_WORK, HAND_WORK = 2, 20, 40, 5, 800
+SCAN_WORK, ROW_WORK, POSE_WORK, POINT_WORK, HAND_WORK = 1.5, 20, 40, 5, 800
 """Work of looking at a distance, of entering a row, of making a pose, of preparing a trial point, and of handing a pose
 on: about nanoseconds."""
 
