@@ -232,7 +232,7 @@ def collisions(count: int, seed: int) -> str:
         frames[0] = base
         trolley = place_trolley(problem.machine, base)
         near, _ = posture_margins(
-            problem.machine, world, trolley, problem.ways.instruments[0], one, frames, bodies, pair, False
+            problem.machine, world, trolley, problem.ways.instruments[0], one, frames, bodies, pair, np.inf, False
         )
         touching = peer.touches(base @ of_links, base)
         hit += touching

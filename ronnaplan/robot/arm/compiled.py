@@ -16,6 +16,8 @@ from ronnaplan.robot.arm.wrist import Wrist
 STRAIGHT = 1e-9
 """Below this sine of joint 5, axes 4 and 6 point one way: the turn about axis 4 is left at zero."""
 TURN = 2.0 * np.pi
+ALL = 255
+"""All eight postures, a bit for each."""
 BEYOND = 8.0
 """So many times what an arm is off, its nearest geometry may miss the pose by, in squares of lengths.
 
@@ -42,17 +44,18 @@ def swung(vector: FloatArray, angle: float) -> tuple[float, float]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def near_postures(wrist: Wrist, pose: FloatArray, angles: FloatArray) -> int:
+def near_postures(wrist: Wrist, pose: FloatArray, asked: int, angles: FloatArray) -> int:
     """Fill ``angles`` (8, 6) with the joints that bring the flange to ``pose`` (4, 4) in the base.
 
-    Bit n of what is returned says that row n is an answer. Rows 0 to 3 reach forwards, 4 to 7 over the shoulder; of
-    each four, two have one bend of the elbow; of each two, the wrist is one way or flipped. Limits are not looked at.
+    Bit n of what is returned says that row n is an answer, of those rows that are ``asked`` for alike. Rows 0 to 3
+    reach forwards, 4 to 7 over the shoulder; of each four, two have one bend of the elbow; of each two, the wrist is
+    one way or flipped. Limits are not looked at.
 
     All is by the nearest geometry that has a closed form. Where an arm is ``off`` that, `refined` begins with it and
     tells which are answers.
     """
     if wrist.backwards:
-        return _from_flange(wrist, pose, angles)
+        return _from_flange(wrist, pose, angles) & asked
     seen = np.empty((3, 3))
     x, y, z = _seen_from_shoulder(wrist, pose, seen)
     forwards = _forwards(wrist, x, y, wrist.beside, 1.0)
@@ -60,14 +63,17 @@ def near_postures(wrist: Wrist, pose: FloatArray, angles: FloatArray) -> int:
         return 0
     found = 0
     for side in range(2):
+        these = asked >> (4 * side) & 15
+        if these == 0:
+            continue
         forward = forwards if side == 0 else -forwards
         first = np.arctan2(y, x) - np.arctan2(wrist.beside, forward)
         px, pz = forward - wrist.axis_2[0], z - wrist.axis_2[1]
         rows = angles[4 * side : 4 * side + 4]
         if wrist.parallel:
-            found |= _wrist_before_elbow(wrist, seen, first, px, pz, rows) << (4 * side)
+            found |= _wrist_before_elbow(wrist, seen, first, px, pz, these, rows) << (4 * side)
         else:
-            found |= _elbow_before_wrist(wrist, seen, first, px, pz, rows) << (4 * side)
+            found |= _elbow_before_wrist(wrist, seen, first, px, pz, these, rows) << (4 * side)
     return found
 
 
@@ -92,40 +98,49 @@ def _seen_from_shoulder(wrist: Wrist, pose: FloatArray, seen: FloatArray) -> tup
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _elbow_before_wrist(
-    wrist: Wrist, seen: FloatArray, first: float, px: float, pz: float, rows: FloatArray
+    wrist: Wrist, seen: FloatArray, first: float, px: float, pz: float, asked: int, rows: FloatArray
 ) -> int:
     """Fill ``rows`` (4, 6) of a spherical wrist, whose center is at (px, pz) from axis 2; return which are answers."""
     bends = _bends(wrist, px, pz)
     if np.isnan(bends[0]):
         return 0
     for elbow in range(2):
+        these = asked >> (2 * elbow) & 3
+        if these == 0:
+            continue
         bent = bends[elbow]
         second = _second(wrist, bent, px, pz)
         fourth, tilt, sixth = _wrist_angles(wrist.to_wrist, seen, first, second + bent)
         for flip in range(2):
-            _fill(wrist, flip, first, second, bent, fourth + flip * np.pi, tilt, sixth, rows[2 * elbow + flip])
-    return 15
+            if these >> flip & 1:
+                _fill(wrist, flip, first, second, bent, fourth + flip * np.pi, tilt, sixth, rows[2 * elbow + flip])
+    return asked
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _wrist_before_elbow(
-    wrist: Wrist, seen: FloatArray, first: float, px: float, pz: float, rows: FloatArray
+    wrist: Wrist, seen: FloatArray, first: float, px: float, pz: float, asked: int, rows: FloatArray
 ) -> int:
     """Do the same of a parallel wrist: it tells how far joints 2, 3 and 4 turn together, and so where axis 4 is."""
     found = 0
     fourth, tilt, sixth = _wrist_angles(wrist.to_wrist, seen, first, 0.0)
     for flip in range(2):
+        if asked & (5 << flip) == 0:
+            continue
         together = fourth + flip * np.pi
         hx, hz = swung(wrist.hand, wrist.hand_sign * together)
         bends = _bends(wrist, px - hx, pz - hz)
         if np.isnan(bends[0]):
             continue
         for elbow in range(2):
+            row = 2 * elbow + flip
+            if not asked >> row & 1:
+                continue
             bent = bends[elbow]
             second = _second(wrist, bent, px - hx, pz - hz)
             left = together - wrist.hand_sign * (second + bent)
-            _fill(wrist, flip, first, second, bent, left, tilt, sixth, rows[2 * elbow + flip])
-            found |= 1 << (2 * elbow + flip)
+            _fill(wrist, flip, first, second, bent, left, tilt, sixth, rows[row])
+            found |= 1 << row
     return found
 
 
@@ -260,7 +275,7 @@ def _fill(
 def all_postures(wrist: Wrist, poses: FloatArray, angles: FloatArray, found: FloatArray) -> None:
     """Fill ``angles`` (M, 8, 6) and ``found`` (M,), bits in a number, for ``poses`` (M, 4, 4)."""
     for m in range(len(poses)):
-        found[m] = near_postures(wrist, poses[m], angles[m])
+        found[m] = near_postures(wrist, poses[m], ALL, angles[m])
     if wrist.off == 0.0:
         return
     for m in range(len(poses)):

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray, axes_across, unit
 from ronnaplan.pose import invert
+from ronnaplan.robot.arm.compiled import ALL
 from ronnaplan.robot.arm.links import place_links
 from ronnaplan.robot.placement.clearances import (
     HEAD,
@@ -23,7 +24,7 @@ from ronnaplan.robot.placement.clearances import (
     posture_margins,
 )
 from ronnaplan.robot.placement.distances import segment_box, segment_segment
-from ronnaplan.robot.placement.judging import follow, settle
+from ronnaplan.robot.placement.following import follow, settle
 from ronnaplan.robot.placement.machine import APART, Machine, frames_on, place_bodies
 from ronnaplan.robot.placement.search import Problem, base_pose
 from ronnaplan.robot.placement.tasks import Ways
@@ -119,7 +120,7 @@ def state(
     angles, margins = np.empty((steps, 8, 6)), np.empty((8, 2))
     pair = np.zeros(2, dtype=np.int64)
     for n in range(ways.firsts[task], ways.firsts[task + 1]):
-        follow(machine, from_room, ways.flanges[n], steps, angles, margins)
+        follow(machine, world.needs, from_room, ways.flanges[n], ALL, -np.inf, angles, margins)
         for b in range(8):
             if margins[b, 0] == -np.inf:
                 continue
@@ -164,7 +165,7 @@ def _reached(
         place_links(machine.origins, machine.axes, angles[p], frames)
         place_bodies(machine, instrument, frames, bodies)
         enough = min(beyond, world.needs[CLEARANCE_NEED])
-        away = clearance(machine, world, trolley, bodies, enough, pair)
+        away = clearance(machine, world, trolley, bodies, enough, np.inf, pair)
         if away < least:
             least, body, other = away, pair[0], pair[1]
             if other == ROOM:
@@ -176,7 +177,7 @@ def _reached(
         of_wrist = other >= 0 and machine.kept[body, other] == APART
         return OVERLAP if of_wrist else COLLISION, least, body
     for p in range(len(angles)):
-        _, view = posture_margins(machine, world, trolley, instrument, angles[p], frames, bodies, pair, True)
+        _, view = posture_margins(machine, world, trolley, instrument, angles[p], frames, bodies, pair, 0.0, True)
         if view < world.needs[VIEW_NEED]:
             return HIDDEN, np.degrees(view), 0
     return SERVED, np.inf, 0
@@ -192,11 +193,11 @@ def _thing(world: World, trolley: FloatArray, capsule: FloatArray, high: bool) -
     least, nearest = np.inf, 0
     for n in range(boxes + capsules + (len(trolley) + 1 if high else 0)):
         if n < boxes:
-            away = segment_box(capsule, world.boxes[n])
+            away = segment_box(capsule, world.boxes[n], least)
         elif n < boxes + capsules:
             away = segment_segment(capsule, world.capsules[n - boxes]) - world.capsules[n - boxes, 6]
         elif n < boxes + capsules + len(trolley):
-            away = segment_box(capsule, trolley[n - boxes - capsules])
+            away = segment_box(capsule, trolley[n - boxes - capsules], least)
         else:
             away = min(capsule[2], capsule[5])
         if away < least:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.arm.links import place_links
-from ronnaplan.robot.placement.distances import box_box, segment_box, segment_point, segment_segment
+from ronnaplan.robot.placement.distances import box_box, point_box, segment_box, segment_point, segment_segment
 from ronnaplan.robot.placement.machine import APART, FREE, Machine, place_bodies
 from ronnaplan.robot.placement.world import (
     BEAM,
@@ -25,43 +25,46 @@ HEAD, ROOM = -1, -2
 """What a body comes near to, where it is no other body."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def to_head(world: World, capsule: FloatArray, enough: float) -> float:
-    """Return the distance (mm) between a capsule (7,) and the head, or at least ``enough``."""
-    near: float = segment_point(capsule, world.head_ball) - capsule[6] - world.head_ball[3]
-    if near >= enough:
-        return near
-    least = np.inf
-    for n in range(len(world.head)):
-        least = min(least, segment_point(capsule, world.head[n]) - world.head[n, 3])
-    left: float = least - capsule[6]
-    return left
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def to_things(world: World, capsule: FloatArray, trolley: FloatArray) -> float:
-    """Return the distance (mm) between a capsule (7,) and the nearest box or capsule of the room, or trolley."""
-    least = np.inf
-    for n in range(len(world.boxes)):
-        least = min(least, segment_box(capsule, world.boxes[n]))
-    for n in range(len(trolley)):
-        least = min(least, segment_box(capsule, trolley[n]))
-    for n in range(len(world.capsules)):
-        least = min(least, segment_segment(capsule, world.capsules[n]) - world.capsules[n, 6])
-    left: float = least - capsule[6]
-    return left
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def to_room(world: World, capsule: FloatArray, trolley: FloatArray, high: bool) -> float:
-    """Return the distance (mm) to what stands in the room; of what is ``high`` on the arm, to trolley and floor too."""
-    if not high:
-        return to_things(world, capsule, trolley[:0])
-    least: float = min(min(capsule[2], capsule[5]) - capsule[6], to_things(world, capsule, trolley))
+    """Return the distance (mm) between a capsule (7,) and the head, or ``enough`` where that is less."""
+    radius, least = capsule[6], enough
+    if segment_point(capsule, world.head_ball) - world.head_ball[3] - radius >= enough:
+        return enough
+    for g in range(len(world.gathered)):
+        if segment_point(capsule, world.gathered[g]) - world.gathered[g, 3] - radius >= least:
+            continue
+        for n in range(world.firsts[g], world.firsts[g + 1]):
+            least = min(least, segment_point(capsule, world.head[n]) - world.head[n, 3] - radius)
     return least
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def to_things(world: World, capsule: FloatArray, trolley: FloatArray, enough: float) -> float:
+    """Return the distance (mm) between a capsule (7,) and the nearest thing of room and trolley, or ``enough``."""
+    radius, least = capsule[6], enough
+    for n in range(len(world.boxes)):
+        least = min(least, segment_box(capsule, world.boxes[n], least + radius) - radius)
+    for n in range(len(trolley)):
+        least = min(least, segment_box(capsule, trolley[n], least + radius) - radius)
+    for n in range(len(world.capsules)):
+        least = min(least, segment_segment(capsule, world.capsules[n]) - world.capsules[n, 6] - radius)
+    return least
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def to_room(world: World, capsule: FloatArray, trolley: FloatArray, high: bool, enough: float) -> float:
+    """Return the distance (mm) to what stands in the room; of what is ``high`` on the arm, to trolley and floor too.
+
+    Distances above ``enough`` are not told apart.
+    """
+    if not high:
+        return to_things(world, capsule, trolley[:0], enough)
+    least: float = min(min(capsule[2], capsule[5]) - capsule[6], to_things(world, capsule, trolley, enough))
+    return least
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def is_high(machine: Machine, body: int) -> bool:
     """Whether a body is kept from trolley and floor: all are but those of the two lowest links, which stand there."""
     high: bool = body >= machine.tool_from or machine.links[body] >= 2
@@ -70,19 +73,26 @@ def is_high(machine: Machine, body: int) -> bool:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def clearance(
-    machine: Machine, world: World, trolley: FloatArray, bodies: FloatArray, need: float, pair: NDArray[np.int64]
+    machine: Machine,
+    world: World,
+    trolley: FloatArray,
+    bodies: FloatArray,
+    need: float,
+    enough: float,
+    pair: NDArray[np.int64],
 ) -> float:
     """Return the least distance (mm) that counts; below ``need`` the search ends and ``pair`` (2,) names the two.
 
-    The instrument is kept from everything but the head and the links that carry it.
+    Distances above ``enough`` are not told apart. The instrument is kept from everything but the head and the links
+    that carry it.
     """
     count = len(machine.links)
-    least = np.inf
+    least = enough
     for back in range(count + 1):
         k = count - back
         if k == count and bodies[k, 6] <= 0.0:
             continue
-        near = to_room(world, bodies[k], trolley, is_high(machine, k))
+        near = to_room(world, bodies[k], trolley, is_high(machine, k), least)
         if near < least:
             least, pair[0], pair[1] = near, k, ROOM
         if k < count:
@@ -135,7 +145,7 @@ def _is_crossed(machine: Machine, world: World, trolley: FloatArray, line: Float
     Tool and wrist are always near it: they are kept out of the line alone, not out of what is free about it, and
     such as are drawn around the marker itself do not count.
     """
-    if to_things(world, line, trolley) < 0.0 or to_head(world, line, 0.0) < 0.0:
+    if to_things(world, line, trolley, 0.0) < 0.0 or to_head(world, line, 0.0) < 0.0:
         return True
     for k in range(len(machine.links)):
         apart = segment_segment(line, bodies[k]) - bodies[k, 6]
@@ -157,15 +167,19 @@ def posture_margins(
     frames: FloatArray,
     bodies: FloatArray,
     pair: NDArray[np.int64],
+    enough: float,
     tracked: bool,
 ) -> tuple[float, float]:
-    """Return clearance (mm) and the tracker's margin (rad) of ``angles`` (6,); ``frames[0]`` is room from base."""
+    """Return clearance (mm) and the tracker's margin (rad) of ``angles`` (6,); ``frames[0]`` is room from base.
+
+    Clearances above ``enough`` are not told apart.
+    """
     place_links(machine.origins, machine.axes, angles, frames)
     place_bodies(machine, instrument, frames, bodies)
     view = seen(machine, world, trolley, frames[-1], bodies) if tracked else np.inf
     if view < world.needs[VIEW_NEED]:
         return np.inf, view
-    return clearance(machine, world, trolley, bodies, world.needs[CLEARANCE_NEED], pair), view
+    return clearance(machine, world, trolley, bodies, world.needs[CLEARANCE_NEED], enough, pair), view
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -176,14 +190,17 @@ def parked(world: World, trolley: FloatArray) -> bool:
             if box_box(trolley[v], world.boxes[n]) < world.needs[CLEARANCE_NEED]:
                 return False
         for n in range(len(world.capsules)):
-            if segment_box(world.capsules[n], trolley[v]) - world.capsules[n, 6] < world.needs[CLEARANCE_NEED]:
+            if (
+                segment_box(world.capsules[n], trolley[v], np.inf) - world.capsules[n, 6]
+                < world.needs[CLEARANCE_NEED]
+            ):
                 return False
-        for n in range(len(world.head)):
-            place = np.empty(6)
-            for a in range(3):
-                place[a], place[3 + a] = world.head[n, a], world.head[n, a]
-            if segment_box(place, trolley[v]) - world.head[n, 3] < world.needs[CLEARANCE_NEED]:
-                return False
+        for g in range(len(world.gathered)):
+            if point_box(world.gathered[g], trolley[v]) - world.gathered[g, 3] >= world.needs[CLEARANCE_NEED]:
+                continue
+            for n in range(world.firsts[g], world.firsts[g + 1]):
+                if point_box(world.head[n], trolley[v]) - world.head[n, 3] < world.needs[CLEARANCE_NEED]:
+                    return False
     return True
 
 

@@ -11,6 +11,9 @@ import numpy as np
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 
+Triple = tuple[float, float, float]
+"""Of a vector within a loop: an array would be taken from the heap."""
+
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def segment_point(segment: FloatArray, point: FloatArray) -> float:
@@ -56,7 +59,7 @@ def _excess(x: float, half: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _slope(start: FloatArray, step: FloatArray, box: FloatArray, t: float) -> float:
+def _slope(start: Triple, step: Triple, box: FloatArray, t: float) -> float:
     """Return half the derivative by t of the squared distance."""
     total = 0.0
     for k in range(3):
@@ -65,17 +68,22 @@ def _slope(start: FloatArray, step: FloatArray, box: FloatArray, t: float) -> fl
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def segment_box(segment: FloatArray, box: FloatArray) -> float:
-    """Return the distance between a segment (6+,) and a box (8,).
+def segment_box(segment: FloatArray, box: FloatArray, enough: float) -> float:
+    """Return the distance between a segment (6+,) and a box (8,), infinite where it is surely ``enough``.
 
     Along the segment the squared distance is convex and its derivative is linear between the places where a side of
     the box is passed; so the least one lies where the derivative crosses zero between two such places.
     """
-    start, step = np.empty(3), np.empty(3)
     x, y = segment[0] - box[0], segment[1] - box[1]
     u, v = segment[3] - segment[0], segment[4] - segment[1]
-    start[0], start[1], start[2] = box[6] * x + box[7] * y, box[6] * y - box[7] * x, segment[2] - box[2]
-    step[0], step[1], step[2] = box[6] * u + box[7] * v, box[6] * v - box[7] * u, segment[5] - segment[2]
+    start = box[6] * x + box[7] * y, box[6] * y - box[7] * x, segment[2] - box[2]
+    step = box[6] * u + box[7] * v, box[6] * v - box[7] * u, segment[5] - segment[2]
+    square = 0.0  # of the distance from the box about the segment, which is no greater
+    for k in range(3):
+        aside = max(abs(start[k] + step[k] / 2) - abs(step[k] / 2) - box[3 + k], 0.0)
+        square += aside * aside
+    if square >= enough * enough:
+        return np.inf
     low, high = 0.0, 1.0
     for k in range(3):
         for side in range(2):
@@ -97,6 +105,16 @@ def segment_box(segment: FloatArray, box: FloatArray) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def point_box(point: FloatArray, box: FloatArray) -> float:
+    """Return the distance between ``point`` (3+,) and a box (8,)."""
+    x, y = point[0] - box[0], point[1] - box[1]
+    u = _excess(box[6] * x + box[7] * y, box[3])
+    v = _excess(box[6] * y - box[7] * x, box[4])
+    w = _excess(point[2] - box[2], box[5])
+    return float(np.sqrt(u * u + v * v + w * w))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def box_box(one: FloatArray, other: FloatArray) -> float:
     """Return the distance between two upright boxes (8,)."""
     up = max(abs(one[2] - other[2]) - one[5] - other[5], 0.0)
@@ -113,5 +131,5 @@ def box_box(one: FloatArray, other: FloatArray) -> float:
                 edge[3 * end] = a[0] + a[6] * x - a[7] * y
                 edge[3 * end + 1] = a[1] + a[7] * x + a[6] * y
                 edge[3 * end + 2] = 0.0
-            away = min(away, segment_box(edge, flat))
+            away = min(away, segment_box(edge, flat, away))
     return float(np.hypot(away, up))

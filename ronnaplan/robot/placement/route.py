@@ -249,11 +249,11 @@ def is_free(
 ) -> bool:
     """Whether the straight move between the postures ``ends`` (2, 6) in rad keeps all clearances; no instrument."""
     frames, bodies = frames_on(machine, base), np.empty((len(machine.links) + 1, 7))
-    pair, instrument = np.empty(2, dtype=np.int64), np.zeros(7)
+    pair, instrument, need = np.empty(2, dtype=np.int64), np.zeros(7), world.needs[CLEARANCE_NEED]
     count = int(np.ceil(np.abs(ends[1] - ends[0]).max() / step)) + 1
     for n in range(count + 1):
         angles = ends[0] + (ends[1] - ends[0]) * (n / count)
-        away, _ = posture_margins(machine, world, trolley, instrument, angles, frames, bodies, pair, False)
-        if away < world.needs[CLEARANCE_NEED]:
+        away, _ = posture_margins(machine, world, trolley, instrument, angles, frames, bodies, pair, need, False)
+        if away < need:
             return False
     return True

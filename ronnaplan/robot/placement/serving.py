@@ -41,13 +41,13 @@ def serve(problem: Problem, tasks: tuple[Task, ...], base: FloatArray) -> tuple[
 
 def _served(problem: Problem, task: Task, number: int, base: FloatArray, way: int, posture: int) -> Served:
     from ronnaplan.robot.placement.clearances import place_trolley, posture_margins
-    from ronnaplan.robot.placement.judging import follow, settle
+    from ronnaplan.robot.placement.following import follow, settle
 
     machine, world, ways = problem.machine, problem.world, problem.ways
     steps = int(ways.steps[number])
     angles, margins = np.empty((steps, 8, 6)), np.empty((8, 2))
     flanges, from_room = ways.flanges[ways.firsts[number] + way], invert(base)
-    follow(machine, from_room, flanges, steps, angles, margins)
+    follow(machine, world.needs, from_room, flanges, 1 << posture, -np.inf, angles, margins)
     settle(machine, from_room, flanges, posture, angles, margins)
     kept = np.ascontiguousarray(angles[:, posture])
     trolley = place_trolley(machine, base)
@@ -56,7 +56,10 @@ def _served(problem: Problem, task: Task, number: int, base: FloatArray, way: in
     pair = np.empty(2, dtype=np.int64)
     instrument = ways.instruments[number]
     along = np.array(
-        [posture_margins(machine, world, trolley, instrument, one, frames, bodies, pair, True) for one in kept]
+        [
+            posture_margins(machine, world, trolley, instrument, one, frames, bodies, pair, np.inf, True)
+            for one in kept
+        ]
     )
     joint, singular = np.degrees(margins[posture])
     return Served(

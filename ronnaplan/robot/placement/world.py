@@ -6,12 +6,15 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.placement.room import Box, Capsule, Room
 
 HEAD_SPACING_MM = 12.0
 """What is of the head is covered by one ball for each cube of this."""
+GATHERED_MM = 60.0
+"""Balls with their middles in one cube of this are looked at together, and singly only where they are near."""
 
 NO_BALLS = np.zeros((0, 4))
 
@@ -32,9 +35,13 @@ class World(NamedTuple):
     boxes: FloatArray
     capsules: FloatArray
     head: FloatArray
-    """Balls (H, 4), middle and radius, that cover the scalp, then what stands out of it, and last the markers."""
+    """Balls (H, 4), middle and radius, that cover the scalp, then what stands out of it, and the markers."""
     scalp: int
     """How many of them, the first, cover the scalp."""
+    gathered: FloatArray
+    """Balls (G, 4), each about those of the head that follow each other."""
+    firsts: NDArray[np.int64]
+    """The first ball of the head in each, and their number (G + 1,)."""
     head_ball: FloatArray
     """The same (4,) of a ball about them all."""
     tracker: FloatArray
@@ -65,7 +72,8 @@ def world_of(
     """
     scalp = _covered(np.column_stack([head_mm, np.zeros(len(head_mm))]))
     scalp[:, 3] = np.maximum(scalp[:, 3], HEAD_SPACING_MM / 2)
-    head = np.concatenate([scalp, _covered(beside_mm), markers_mm])
+    parts = [_gathered(one) for one in (scalp, np.concatenate([_covered(beside_mm), markers_mm]))]
+    head, gathered, counts = (np.concatenate(each) for each in zip(*parts, strict=True))
     middle = head[:, :3].mean(axis=0)
     reach = float((np.linalg.norm(head[:, :3] - middle, axis=1) + head[:, 3]).max())
     sight = np.zeros(5)
@@ -80,6 +88,8 @@ def world_of(
         np.array([capsule_row(one) for one in room.capsules]).reshape(-1, 7),
         head,
         len(scalp),
+        gathered,
+        np.cumsum([0, *counts]),
         np.array([*middle, reach]),
         np.zeros(3) if tracker_mm is None else np.array(tracker_mm, dtype=np.float64),
         sight,
@@ -112,9 +122,24 @@ def capsule_row(capsule: Capsule) -> FloatArray:
 
 def _covered(balls: FloatArray) -> FloatArray:
     """Return balls (C, 4) that cover ``balls`` (B, 4), one for those with their middles in a cube."""
-    cubes = np.floor(balls[:, :3] / HEAD_SPACING_MM).astype(np.int64)
+    return _about(balls, *_in_cubes(balls, HEAD_SPACING_MM))
+
+
+def _gathered(balls: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
+    """Return ``balls`` (B, 4) by cubes, balls (G, 4) about those of each, and how many these are (G,)."""
+    group, counts = _in_cubes(balls, GATHERED_MM)
+    return balls[np.argsort(group, kind="stable")], _about(balls, group, counts), counts
+
+
+def _in_cubes(balls: FloatArray, side_mm: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return in which cube with any the middle of each of ``balls`` (B, 4) lies, and how many lie in each."""
+    cubes = np.floor(balls[:, :3] / side_mm).astype(np.int64)
     _, group, counts = np.unique(cubes, axis=0, return_inverse=True, return_counts=True)
-    group = group.ravel()
+    return group.ravel(), counts
+
+
+def _about(balls: FloatArray, group: NDArray[np.int64], counts: NDArray[np.int64]) -> FloatArray:
+    """Return balls (C, 4) about those of ``balls`` (B, 4) that are of one ``group`` (B,), ``counts`` (C,) of each."""
     sums = np.stack([np.bincount(group, weights=balls[:, k], minlength=len(counts)) for k in range(3)], axis=1)
     middles, radii = sums / counts[:, None], np.zeros(len(counts))
     np.maximum.at(radii, group, np.linalg.norm(balls[:, :3] - middles[group], axis=1) + balls[:, 3])

@@ -10,13 +10,14 @@ import pytest
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.arm.links import place_links
-from ronnaplan.robot.placement.clearances import clearance, seen
+from ronnaplan.robot.placement.clearances import clearance, seen, to_head
+from ronnaplan.robot.placement.distances import segment_point
 from ronnaplan.robot.placement.machine import Machine, place_bodies
 from ronnaplan.robot.placement.placement import COARSE
 from ronnaplan.robot.placement.room import Capsule, ToolMarker
 from ronnaplan.robot.placement.search import Problem
 from ronnaplan.robot.placement.world import VIEW_NEED
-from tests.robot.placement.cases import job, room
+from tests.robot.placement.cases import CENTER_MM, job, room
 
 AWAY_MM = 1500.0
 POSTURE_RAD = np.radians([20.0, -80.0, 70.0, 30.0, 40.0, 10.0])
@@ -50,8 +51,36 @@ def test_an_instrument_is_kept_from_the_links_that_carry_it(link: int) -> None:
     bodies[-1, 3:6] = bodies[link, :3] + 0.3 * (bodies[link, 3:6] - bodies[link, :3])
     bodies[-1, 6] = 1.2
     pair = np.zeros(2, dtype=np.int64)
-    assert clearance(problem.machine, problem.world, NO_TROLLEY, bodies, -np.inf, pair) < 0.0
+    assert clearance(problem.machine, problem.world, NO_TROLLEY, bodies, -np.inf, np.inf, pair) < 0.0
     assert pair[0] == len(bodies) - 1
+
+
+def test_the_distance_from_the_head_is_that_of_its_nearest_ball() -> None:
+    rng, world = np.random.default_rng(5), job(1, 1, 0).problem(COARSE).world
+    assert 10 * len(world.gathered) < len(world.head)
+    for start_mm, along_mm, radius in zip(
+        CENTER_MM + rng.normal(0.0, 150.0, (300, 3)),
+        rng.normal(0.0, 80.0, (300, 3)),
+        rng.uniform(0.0, 40.0, 300),
+        strict=True,
+    ):
+        capsule = np.array([*start_mm, *(start_mm + along_mm), radius])
+        least = min(segment_point(capsule, ball) - ball[3] for ball in world.head) - radius
+        assert to_head(world, capsule, np.inf) == pytest.approx(least, abs=1e-9)
+        assert to_head(world, capsule, 20.0) == pytest.approx(min(least, 20.0), abs=1e-9)
+
+
+def test_clearance_that_is_enough_is_told_as_what_is_enough() -> None:
+    problem, _, bodies = _held_up()
+    pair = np.zeros(2, dtype=np.int64)
+
+    def near_mm(enough_mm: float) -> float:
+        return clearance(problem.machine, problem.world, NO_TROLLEY, bodies, -np.inf, enough_mm, pair)
+
+    away_mm = near_mm(np.inf)
+    assert 20.0 < away_mm < np.inf
+    assert near_mm(away_mm - 5.0) == away_mm - 5.0
+    assert near_mm(away_mm + 5.0) == away_mm
 
 
 def _held_up(marker: ToolMarker | None = None) -> tuple[Problem, FloatArray, FloatArray]:

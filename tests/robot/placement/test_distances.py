@@ -56,7 +56,7 @@ def test_distances_are_coals() -> None:
         assert near == pytest.approx(told, abs=1e-3) if told > 1e-3 else near < 2e-3
         thing, wall = random_box(rng), random_box(rng)
         (row, wall_row) = box_rows([thing, wall])
-        near, told = segment_box(one, row) - one[6], apart(capsule(one), box(thing))
+        near, told = segment_box(one, row, np.inf) - one[6], apart(capsule(one), box(thing))
         assert near == pytest.approx(told, abs=1e-3) if told > 1e-3 else near < 2e-3
         near, told = box_box(row, wall_row), apart(box(thing), box(wall))
         assert near == pytest.approx(told, abs=1e-3) if told > 1e-3 else near < 2e-3
@@ -70,4 +70,4 @@ def test_segments_that_are_points_or_parallel() -> None:
     assert segment_segment(line, line + np.array([4.0, 3, 0, 4, 3, 0])) == pytest.approx(3)
     assert segment_segment(line, line + np.array([14.0, 3, 0, 14, 3, 0])) == pytest.approx(5)
     assert segment_point(line, np.array([-3.0, 4, 0])) == pytest.approx(5)
-    assert segment_box(point, np.array([0.0, 0, 0, 5, 5, 5, 1, 0])) == 0.0
+    assert segment_box(point, np.array([0.0, 0, 0, 5, 5, 5, 1, 0]), np.inf) == 0.0

@@ -115,6 +115,7 @@ def test_a_posture_in_which_the_tool_overlaps_the_wrist_is_a_collision_and_named
             frames,
             bodies,
             pair,
+            np.inf,
             False,
         )
         return near
