@@ -22,6 +22,7 @@ from ronnaplan.localization.fit.depth import SURFACE_BLURS, depth_and_blur, reac
 from ronnaplan.localization.fit.model import BLOCK, evaluate, has_skin, is_beyond_scale
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import (
+    BACKGROUND,
     CONTRAST,
     PARAMETERS,
     RADIUS,
@@ -39,7 +40,8 @@ MODEL_ERROR_SHARE = 0.03
 
 NEIGHBOUR_SHARE = 0.03
 NEIGHBOUR_HU = 400.0
-"""Something just outside that exceeds the background by this share of the contrast, or by so much, is a neighbour."""
+"""Something just outside that exceeds the background by this share of the contrast, or by so much, is a neighbour. The
+share is of what the scale shows of the contrast: plastic is not faint beside the foot of a clipped edge."""
 
 ATTACHED_SHARE = 0.5
 """Something just outside that exceeds the background by this share of the contrast is part of the same body."""
@@ -48,13 +50,15 @@ INSERT_SHARE = 0.06
 """Something deep inside that exceeds the ball by this share of the contrast is an insert, whose blur reaches out."""
 
 VOID_SHARE = 0.2
-"""Something deep inside that is fainter than the ball by this share of the contrast is a void, as moulding leaves one,
-and takes from the ball's level. It is more than for inserts: under a kernel that overshoots, a ball is fainter by a
-tenth beside its post than elsewhere."""
+"""Something deep inside that is fainter by this share of the contrast is a void, as moulding leaves one. It is more
+than for inserts: under a kernel that overshoots, a ball is fainter by a tenth beside its post than elsewhere."""
 
 BACKGROUND_QUANTILE = 0.3
-"""The background is what this share of the directions reach at most: something touches most markers, and a ball may
-lie on skin, not in it."""
+"""The background is what this share of the directions reach at most: most markers are touched, some lie on skin."""
+
+DARK_QUANTILE, MOST_HELD = 0.05, 0.4
+"""The share of what is seen is asked no closer than streaks darken so many directions, as they brighten others, and
+only of what a mount holds: what has more beside it than the second lies in skin or gel."""
 
 USUAL_QUANTILE = 0.3
 """The usual direction is a good one: with an insert and a post, more than half of them may be disturbed."""
@@ -64,8 +68,7 @@ NEIGHBOUR_ANGLE_DEG = 26.0
 """A neighbour brighter than this share of the contrast also spoils the directions this close to its own, for
 blur carries its light there; one that is faint beside the ball does not."""
 
-ROUND_SHARE = 0.015
-ROUND_MM = 0.06
+ROUND_SHARE, ROUND_MM = 0.015, 0.06
 """An edge that is off by no more than this share of the radius plus this is where the ball's edge should be."""
 
 NOISE_ERRORS = 2.0
@@ -75,15 +78,13 @@ MAX_RAGGED = 0.14
 """A ball on skin is round wherever it does not go on into it, but for this share at most: balls of plastic show 0.11,
 pegs with round ends 0.17 to 0.30."""
 
-COVER_SHARE = 0.06
-COVER_TO_DARK = 3.0
+COVER_SHARE, COVER_TO_DARK = 0.06, 3.0
 """What lies on a marker is brighter just outside it by this share of the contrast, in more directions by this factor
 than are as dark: streaks are both. Haze is brighter by 0.04 to 0.06 beside a third of the markers of cone beams."""
 
-COVERED_SHARE = 0.15
-COVERED_SPREAD = 0.6
-"""What carries a marker stands on one side of it. What is bright in more than this share of the directions, and to all
-sides, so that their mean is shorter than this, lies on the marker (a post: 0.8; tape, hair: 0.3)."""
+COVERED_SHARE, COVERED_SPREAD = 0.15, 0.6
+"""What carries a marker stands on one side of it. What is bright in more of the directions, and to all sides, so that
+their mean is shorter than the second, lies on the marker (a post: 0.8; tape, hair: 0.3)."""
 
 
 @dataclass(frozen=True)
@@ -181,7 +182,8 @@ def _survey(
             else:
                 sums[INSIDE, cell] += 1.0
                 sums[WITHIN, cell] += residual
-    told, agreeing = _weighed(sums, theta[CONTRAST], theta[RADIUS], directions), np.zeros(len(cells), np.bool_)
+    seen_hu, agreeing = min(theta[CONTRAST], ceiling_hu - theta[BACKGROUND]), np.zeros(len(cells), np.bool_)
+    told = _weighed(sums, theta[CONTRAST], seen_hu, theta[RADIUS], directions)
     for n in range(len(cells)):
         agreeing[n] = cells[n] >= 0 and told[0][cells[n]] == 1
     return told, agreeing
@@ -226,8 +228,8 @@ def unlike_inside(inside_hu: FloatArray, contrast_hu: float) -> NDArray[np.bool_
 
 
 @njit(cache=True)
-def _weighed(sums: FloatArray, contrast: float, radius: float, directions: FloatArray) -> Told:
-    """Return what the ``sums`` (8, cells) tell."""
+def _weighed(sums: FloatArray, contrast: float, seen_hu: float, radius: float, directions: FloatArray) -> Told:
+    """Return what the ``sums`` (8, cells) tell, where so much of the ``contrast`` is ``seen_hu``."""
     means = np.full((3, CELL_COUNT), np.nan)
     rms, outside, within = means[0], means[1], means[2]
     for cell in range(CELL_COUNT):
@@ -242,8 +244,11 @@ def _weighed(sums: FloatArray, contrast: float, radius: float, directions: Float
         usual = 0.0
     foreign = rms > OUTLIER_RATIO * max(usual, MODEL_ERROR_SHARE * contrast)
     excess = outside - quantile(outside, BACKGROUND_QUANTILE)
-    excess[np.isnan(outside)] = 0.0
-    beside = excess > min(NEIGHBOUR_SHARE * contrast, NEIGHBOUR_HU)
+    faint = max(NEIGHBOUR_SHARE * seen_hu, -OUTLIER_RATIO * quantile(excess, DARK_QUANTILE))
+    excess[np.isnan(outside)], much = 0.0, min(NEIGHBOUR_SHARE * contrast, NEIGHBOUR_HU)
+    beside = excess > min(faint, much)
+    if beside.mean() > MOST_HELD:
+        beside = excess > much
     bright = (foreign | beside) & (excess > SPREAD_SHARE * contrast)
     left_out = foreign | beside | near_any(directions, bright, math.cos(math.radians(NEIGHBOUR_ANGLE_DEG)))
     left_out |= unlike_inside(within, contrast)
