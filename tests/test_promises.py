@@ -12,6 +12,8 @@ DOCS = TESTS.parent / "docs"
 HOMES = {"promises.md": TESTS, "reading.md": TESTS / "ct"}
 """Page -> where the modules lie whose folder it leaves out."""
 NAMED = re.compile(r"`([\w/]+?)(?:\.py)?(?:::(\w+))?`(?:: ([^`|]*))?")
+LEFT_TO_LONG_RUNS = re.compile(r"^@pytest\.mark\.long\n(?:[@ )].*\n)*def \w+", re.MULTILINE)
+"""The name of a test that no run of all tests runs: it holds no promise by itself."""
 OTHERS = ("doctest", "every border")
 """What else may hold a promise."""
 
@@ -36,7 +38,8 @@ def names_in(name: str, home: Path) -> list[str]:
     near = [base / path.with_suffix(".py") for base in (TESTS, home)]
     files = [each for each in near if each.is_file()] or list((TESTS / path).glob("*.py"))
     files = files or [each for each in TESTS.rglob(f"{path.name}.py") if not path.parent.name]
-    return [one for each in files for one in re.findall(r"(?:def|class) (\w+)", each.read_text(encoding="utf-8"))]
+    texts = [LEFT_TO_LONG_RUNS.sub("", each.read_text(encoding="utf-8")) for each in files]
+    return [one for text in texts for one in re.findall(r"(?:def|class) (\w+)", text)]
 
 
 @pytest.mark.parametrize("page", HOMES)

@@ -18,6 +18,7 @@ from ronnaplan.registration.drift import check_drift
 from ronnaplan.registration.planned import predict_tre
 
 SETS = 80
+TRIED_EACH_TIME = 24
 Answer = TypeVar("Answer")
 COUNTS = (0, 1, 2, 3, 3, 4, 4, 5, 6, 8, 12)
 
@@ -55,7 +56,13 @@ def answered(work: Callable[[], Answer]) -> Answer | None:
         return None
 
 
-@pytest.mark.parametrize("seed", range(SETS))
+@pytest.mark.parametrize(
+    "seed",
+    [
+        *range(TRIED_EACH_TIME),
+        *(pytest.param(seed, marks=pytest.mark.long) for seed in range(TRIED_EACH_TIME, SETS)),
+    ],
+)
 def test_any_points_are_answered_or_refused(seed: int) -> None:
     generator = np.random.default_rng([seed, 9])
     count = int(generator.choice(COUNTS))

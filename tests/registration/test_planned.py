@@ -51,7 +51,7 @@ def test_the_errors_of_both_readings_turn_against_each_other(count: int) -> None
     sigma = (
         5 / first_order * np.sqrt(2 / (1 + np.sqrt(1 + 2 * count * np.radians(5) ** 2)))
     )  # 5 degrees in the end
-    moving, fixed = (points + sigma * np.sqrt(0.5) * rng.normal(size=(6000, count, 3)) for _ in range(2))
+    moving, fixed = (points + sigma * np.sqrt(0.5) * rng.normal(size=(3000, count, 3)) for _ in range(2))
     found = register_batch(moving, fixed).transforms
     error = targets @ found[:, :3, :3].swapaxes(1, 2) + found[:, None, :3, 3] - targets
     half = 0.5 * sigma**2 * np.eye(3)
