@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from phantoms.robot_session import SESSION_SEED, Session
-from ronnaplan.cli import main
+from ronnaplan.cli import command_parser, main
 from ronnaplan.documents.placement import read_placement
 from ronnaplan.documents.template import read_template_document
 from tests.cli.chains import parked_chain
@@ -34,6 +34,14 @@ def commands() -> list[list[str]]:
     return [shlex.split(line, comments=True)[1:] for line in block.replace("\\\n", " ").splitlines()]
 
 
+def test_every_command_of_the_page_is_one_that_there_is() -> None:
+    run = [line[: line.index(">")] if ">" in line else line for line in commands()]
+    assert len(run) > 5
+    for line in run:
+        command_parser().parse_args(line)
+
+
+@pytest.mark.long
 def test_every_command_of_the_page_does_what_it_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -17,6 +17,7 @@ from phantoms.scene import Part, Scene
 from phantoms.solids import cylinder, ellipsoid, sphere
 from ronnaplan.errors import InputError, RefusedError, UsageError
 from ronnaplan.localization import FiducialFlag, localize
+from tests.long import few_or_all
 from tests.scans import balls, on_grid, scan, small_stack
 
 PLACES = [(-14.3, -12.2, -3.1), (13.6, 11.7, 2.4), (15.1, -13.8, 5.3)]
@@ -59,9 +60,10 @@ def test_moving_the_frame_moves_the_centers_and_their_covariances() -> None:
     assert moved.covariances[0] == pytest.approx(turn @ still.covariances[0] @ turn.T, rel=0.02, abs=1e-8)
 
 
-def test_the_stated_error_is_the_real_one() -> None:
+@few_or_all("cases", 5, 12)
+def test_the_stated_error_is_the_real_one(cases: int) -> None:
     squared = []
-    for seed in range(12):
+    for seed in range(cases):
         found = localize(
             scan(balls(PLACES), small_stack(), noise_hu=40.0, seed=seed), diameter_mm=11.5, expected=3
         )

@@ -7,7 +7,6 @@ from functools import partial
 from typing import TypeVar
 
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation
 
 from ronnaplan import describe_layout, match_points, register_points
@@ -16,6 +15,7 @@ from ronnaplan.geometry import FloatArray, Points
 from ronnaplan.registration.diagnosis import doubted_marker
 from ronnaplan.registration.drift import check_drift
 from ronnaplan.registration.planned import predict_tre
+from tests.long import few_and_others
 
 SETS = 80
 TRIED_EACH_TIME = 24
@@ -56,13 +56,7 @@ def answered(work: Callable[[], Answer]) -> Answer | None:
         return None
 
 
-@pytest.mark.parametrize(
-    "seed",
-    [
-        *range(TRIED_EACH_TIME),
-        *(pytest.param(seed, marks=pytest.mark.long) for seed in range(TRIED_EACH_TIME, SETS)),
-    ],
-)
+@few_and_others("seed", range(TRIED_EACH_TIME), range(TRIED_EACH_TIME, SETS))
 def test_any_points_are_answered_or_refused(seed: int) -> None:
     generator = np.random.default_rng([seed, 9])
     count = int(generator.choice(COUNTS))

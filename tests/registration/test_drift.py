@@ -10,6 +10,7 @@ from ronnaplan.geometry import Frame, Points
 from ronnaplan.pose import exponential
 from ronnaplan.registration import DriftStatus, check_drift
 from ronnaplan.registration.drift import DRIFT_PROBABILITY, drift_over_time
+from tests.long import few_or_all
 
 HEAD = np.array([[-60.0, 20, 40], [55, 30, 50], [5, -85, 60], [-20, 60, 75], [30, -10, 95], [-70, -30, 10]])
 LABELS = ("F1", "F2", "F3", "F4", "F5", "F6")
@@ -126,7 +127,7 @@ def test_two_loose_markers_are_both_named() -> None:
         assert {"F1", "F2"} <= set(drift.loose)
 
 
-@pytest.mark.parametrize("cases", [300, pytest.param(600, marks=pytest.mark.long)])
+@few_or_all("cases", 300, 600)
 def test_false_alarms_are_one_in_a_million(cases: int) -> None:
     """Importance sampling: the noise of all or of one is drawn too large, and an alarm counts as its true rarity."""
     rng = np.random.default_rng(11)

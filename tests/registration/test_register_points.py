@@ -15,6 +15,7 @@ from ronnaplan.geometry import Frame
 from ronnaplan.pose import point_jacobian
 from ronnaplan.registration import RegistrationFlag, register_batch, register_points
 from ronnaplan.rigid import fit_closed_form
+from tests.long import few_or_all
 
 HEAD = np.array([[-60.0, 20, 40], [55, 30, 50], [5, -85, 60], [-20, 60, 75], [30, -10, 95], [-70, -30, 10]])
 
@@ -109,7 +110,7 @@ def test_the_likelihood_fit_is_the_minimum_over_poses_and_true_points() -> None:
     assert found.chi_square == pytest.approx(2 * peer.cost, rel=1e-9)
 
 
-@pytest.mark.parametrize("counts", [(3, 6, 12), pytest.param(range(3, 13), marks=pytest.mark.long)])
+@few_or_all("counts", (3, 6, 12), range(3, 13))
 @pytest.mark.parametrize(("isotropic", "tolerance"), [(True, 0.03), (False, 0.05)])
 def test_predicted_tre_agrees_with_monte_carlo(isotropic: bool, tolerance: float, counts: Sequence[int]) -> None:
     """Of so many trials an RMS error is known to a third of its tolerance or better: one standard deviation."""

@@ -11,6 +11,7 @@ from threadpoolctl import ThreadpoolController
 from ronnaplan.pose import Pose, invert
 from ronnaplan.robot import by_pose
 from ronnaplan.robot.hand_eye import calibrate_hand_eye
+from tests.long import few_or_all
 from tests.robot.test_orientation import matrix
 
 HOME = np.radians([10, -100, 110, -100, -90, 20])
@@ -70,26 +71,30 @@ def recorded(
     return seen, driven, m_from_tcp, robot_from_ots
 
 
+@few_or_all("cases", 1, 2)
 @pytest.mark.parametrize("off_deg", [0.0, 0.2])
-def test_joints_whose_zeros_are_off_are_told_and_counted(off_deg: float) -> None:
+def test_joints_whose_zeros_are_off_are_told_and_counted(off_deg: float, cases: int) -> None:
     """M had a normalized error of 16 and R of 50, with nothing but a larger RMS to tell."""
     of_tool, of_base, told = [], [], []
-    for seed in range(2):
+    for seed in range(cases):
         seen, driven, m_from_tcp, robot_from_ots = recorded(np.random.default_rng(seed), 40, off_deg)
         found = calibrate_hand_eye(seen, driven)
         of_tool.append(normalized(found.m_from_tcp, m_from_tcp))
         of_base.append(normalized(found.robot_from_ots, robot_from_ots))
         told.append(any("depend on the robot's pose" in doubt for doubt in found.doubts))
-    assert told == [off_deg > 0] * 2
+    assert told == [off_deg > 0] * cases
     assert np.mean(of_tool) < 5
     assert np.mean(of_base) < 1.5
 
 
+@few_or_all("cases", 1, 2)
 @pytest.mark.parametrize("scale", [1.002, 0.998])
-def test_distances_of_the_tracker_that_are_wrong_are_told_by_how_much_and_counted(scale: float) -> None:
+def test_distances_of_the_tracker_that_are_wrong_are_told_by_how_much_and_counted(
+    scale: float, cases: int
+) -> None:
     """R, a meter and more from the tracker, was put 2 mm and more aside, with 0.1 stated."""
     of_base = []
-    for seed in range(2):
+    for seed in range(cases):
         seen, driven, _, robot_from_ots = recorded(np.random.default_rng(seed), 40, scale=scale)
         found = calibrate_hand_eye(seen, driven)
         of_base.append(normalized(found.robot_from_ots, robot_from_ots))
@@ -99,20 +104,23 @@ def test_distances_of_the_tracker_that_are_wrong_are_told_by_how_much_and_counte
     assert np.mean(of_base) < 2
 
 
+@few_or_all("cases", 3, 4)
 @pytest.mark.parametrize("scale", [1.0, 1.002])
 @pytest.mark.parametrize(
     "noise", [{"place_sd_mm": np.array([0.25, 0.25, 1.0])}, {"memory": 0.9}], ids=["larger in depth", "remembers"]
 )
-def test_no_shape_or_memory_of_the_trackers_noise_hides_a_scale(noise: dict[str, Any], scale: float) -> None:
+def test_no_shape_or_memory_of_the_trackers_noise_hides_a_scale(
+    noise: dict[str, Any], scale: float, cases: int
+) -> None:
     """R was 2 mm aside and more, with 0.3 mm stated and nothing told: the noise was said to have the field's shape."""
     of_tool, of_base, told = [], [], []
-    for seed in range(4):
+    for seed in range(cases):
         seen, driven, m_from_tcp, robot_from_ots = recorded(np.random.default_rng(seed), 80, scale=scale, **noise)
         found = calibrate_hand_eye(seen, driven)
         of_tool.append(normalized(found.m_from_tcp, m_from_tcp))
         of_base.append(normalized(found.robot_from_ots, robot_from_ots))
         told.append(found.by_pose.of_scale > 0.99)
-    assert told == [scale > 1] * 4
+    assert told == [scale > 1] * cases
     assert 0.3 < np.mean(of_tool) < 2
     assert 0.3 < np.mean(of_base) < 2
 
@@ -138,11 +146,12 @@ def test_rotations_that_err_about_one_axis_of_the_tool_alone_tell_no_scale(seed:
     assert calibrate_hand_eye(seen, driven).by_pose.of_scale < 0.6
 
 
+@few_or_all("cases", 1, 2)
 @pytest.mark.parametrize("rotation_sd_deg", [0.0, 1e-7])
-def test_rotations_without_errors_hide_no_scale(rotation_sd_deg: float) -> None:
+def test_rotations_without_errors_hide_no_scale(rotation_sd_deg: float, cases: int) -> None:
     """R was put 2 mm aside and more, with 0.1 mm stated and nothing told: kinds of noise were judged by round-off."""
     of_base = []
-    for seed in range(2):
+    for seed in range(cases):
         rng = np.random.default_rng(seed)
         seen, driven, _, robot_from_ots = recorded(rng, 40, scale=1.002, rotation_sd_deg=rotation_sd_deg)
         found = calibrate_hand_eye(seen, driven)
@@ -151,10 +160,13 @@ def test_rotations_without_errors_hide_no_scale(rotation_sd_deg: float) -> None:
     assert np.mean(of_base) < 2
 
 
-def test_a_small_tool_that_shows_turns_far_worse_than_places_is_stated_with_no_more_caution_than_others() -> None:
+@few_or_all("cases", 3, 12)
+def test_a_small_tool_that_shows_turns_far_worse_than_places_is_stated_with_no_more_caution_than_others(
+    cases: int,
+) -> None:
     """Of places that err by a hundredth of what rotations do at a meter noise was drawn that was there already."""
     of_tool, of_base = [], []
-    for seed in range(12):
+    for seed in range(cases):
         rng = np.random.default_rng(seed)
         seen, driven, m_from_tcp, robot_from_ots = recorded(rng, 40, rotation_sd_deg=0.3, place_sd_mm=0.05)
         found = calibrate_hand_eye(seen, driven)
@@ -164,11 +176,12 @@ def test_a_small_tool_that_shows_turns_far_worse_than_places_is_stated_with_no_m
     assert 0.8 < np.mean(of_tool) < 1.5
 
 
+@few_or_all("cases", 1, 2)
 @pytest.mark.parametrize("scale", [1.0, 1.002])
-def test_a_tool_that_swings_about_its_tip_tells_no_scale_which_is_counted(scale: float) -> None:
+def test_a_tool_that_swings_about_its_tip_tells_no_scale_which_is_counted(scale: float, cases: int) -> None:
     """Only noise is left of its places: distances were said to be 99 % too long, which leaves none of it."""
     of_base = []
-    for seed in range(2):
+    for seed in range(cases):
         rng = np.random.default_rng(seed)
         turns, noise = (Rotation.from_rotvec(rng.normal(size=(100, 3)) * np.radians(one)) for one in (20, 0.06))
         driven, m_from_tcp, robot_from_ots = (matrix(rng, reach) for reach in (500, 100, 1000))
@@ -205,15 +218,16 @@ def test_what_an_arm_sags_by_its_load_counts_in_the_base_where_few_poses_hardly_
     assert normalized(calibrate_hand_eye(seen, driven).robot_from_ots, robot_from_ots) < 4
 
 
-def test_an_arm_that_sags_is_told_and_counted() -> None:
+@few_or_all("cases", 1, 2)
+def test_an_arm_that_sags_is_told_and_counted(cases: int) -> None:
     """Its fields of any cause have so many numbers that half of such recordings told nothing."""
     of_base, told = [], []
-    for seed in range(2):
+    for seed in range(cases):
         seen, driven, _, robot_from_ots = recorded(np.random.default_rng(seed), 100, sag_deg=0.15)
         found = calibrate_hand_eye(seen, driven)
         of_base.append(normalized(found.robot_from_ots, robot_from_ots))
         told.append(any("depend on the robot's pose" in doubt for doubt in found.doubts))
-    assert told == [True] * 2
+    assert told == [True] * cases
     assert np.mean(of_base) < 3
 
 

@@ -10,6 +10,7 @@ from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.pose import invert
 from ronnaplan.robot.hand_eye import calibrate_hand_eye
 from ronnaplan.robot.hand_eye_start import far_off
+from tests.long import few_or_all
 from tests.robot.test_orientation import hand_eye_poses, matrix
 
 MISREAD: list[tuple[str, Callable[[Rotation], Rotation]]] = [
@@ -46,9 +47,10 @@ def test_poses_that_are_far_off_are_named_and_no_others(
     assert calibrate_hand_eye(spoilt(seen, which, far_mm, turn_deg), driven).far == tuple(which)
 
 
-def test_no_pose_of_a_tracker_that_errs_most_in_depth_is_far_off() -> None:
+@few_or_all("cases", 10, 30)
+def test_no_pose_of_a_tracker_that_errs_most_in_depth_is_far_off(cases: int) -> None:
     """Of these 30 recordings five named a pose: six deviations of all axes together were three of the depth."""
-    for seed in range(30):
+    for seed in range(cases):
         seen, driven, *_ = hand_eye_poses(seed, 40, 1e-3, 0.2)
         seen[:, 2, 3] += np.random.default_rng(seed).normal(size=40)
         assert not far_off(seen, driven).any()

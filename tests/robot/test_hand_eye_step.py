@@ -8,6 +8,7 @@ from ronnaplan.pose import exponential, invert, rigid
 from ronnaplan.robot.hand_eye import _design, calibrate_hand_eye
 from ronnaplan.robot.hand_eye_start import closed_form, discrepancies
 from ronnaplan.robot.hand_eye_step import Step, step_in
+from tests.long import few_or_all
 from tests.robot.test_orientation import hand_eye_poses
 
 SLIPPED = rigid(exponential(np.radians([0.0, 1.0, 0.5])), np.array([2.0, 0, 2]))
@@ -51,11 +52,12 @@ def test_what_moved_so_far_that_all_is_refused_is_told_as_well() -> None:
         calibrate_hand_eye(seen, driven, frames=range(100, 140))
 
 
+@few_or_all("cases", 3, 10)
 @pytest.mark.parametrize("walks", [False, True])
-def test_noise_and_drift_are_no_movement(walks: bool) -> None:
+def test_noise_and_drift_are_no_movement(walks: bool, cases: int) -> None:
     """They leave much whatever step is taken from them."""
     assert step_of(*hand_eye_poses(7, 40, 1e-3, 0.2)[:2]) is None
-    for seed in range(10):
+    for seed in range(cases):
         seen, driven, *_ = hand_eye_poses(seed, 40, 1e-3, 0.2)
         rng = np.random.default_rng(seed)
         drift = np.linspace(-1, 1, 40)[:, None] * np.array([3.0, 0, 1])
@@ -70,11 +72,12 @@ def poses_of(rotations: np.ndarray, places_mm: np.ndarray) -> tuple[np.ndarray, 
     return invert(robot_from_ots) @ driven @ invert(m_from_tcp), driven
 
 
-def test_drift_while_one_axis_is_turned_after_the_other_is_no_movement() -> None:
+@few_or_all("cases", 4, 10)
+def test_drift_while_one_axis_is_turned_after_the_other_is_no_movement(cases: int) -> None:
     """A step left less than 0.4 of it in every second recording, as either half tells only a part of the poses."""
     turns = np.zeros((40, 3))
     turns[:20, 0] = turns[20:, 1] = np.linspace(-0.6, 0.6, 20)
-    for seed in range(10):
+    for seed in range(cases):
         rng = np.random.default_rng(seed)
         seen, driven = poses_of(exponential(turns), 200 * rng.normal(size=(40, 3)))
         drift = np.linspace(-1, 1, 40)[:, None] * rng.normal(size=6) + rng.normal(size=(40, 6)) / 16
@@ -82,15 +85,16 @@ def test_drift_while_one_axis_is_turned_after_the_other_is_no_movement() -> None
         assert step_of(seen, driven) is None
 
 
+@few_or_all("cases", 2, 5)
 @pytest.mark.parametrize("of_tool", [False, True])
-def test_which_of_both_moved_is_not_guessed_where_the_arm_then_rests(of_tool: bool) -> None:
+def test_which_of_both_moved_is_not_guessed_where_the_arm_then_rests(of_tool: bool, cases: int) -> None:
     """Every fourth such movement was told to be of the other."""
     rng = np.random.default_rng(5)
     turns = 0.5 * rng.normal(size=(40, 3))
     turns[20:] = turns[20] + 0.005 * rng.normal(size=(20, 3))
     places_mm = 200 * rng.normal(size=(40, 3))
     places_mm[20:] = places_mm[20]
-    for _ in range(5):
+    for _ in range(cases):
         seen, driven = poses_of(exponential(turns), places_mm)
         if of_tool:
             seen[20:] = seen[20:] @ SLIPPED

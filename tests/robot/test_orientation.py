@@ -17,6 +17,7 @@ from ronnaplan.robot.orientation import (
     tool_pose,
 )
 from ronnaplan.robot.pivot import calibrate_pivot
+from tests.long import few_or_all
 
 TRIANGLE = np.array([[600.0, 100, 300], [900, 150, 280], [700, 400, 350]])
 
@@ -44,14 +45,15 @@ def test_equation_5_gives_the_orientation() -> None:
         np.testing.assert_allclose(found, m_from_tcp[:3, :3], atol=1e-9)
 
 
-def test_its_covariance_is_the_scatter_of_noisy_points() -> None:
+@few_or_all("cases", 500, 1500)
+def test_its_covariance_is_the_scatter_of_noisy_points(cases: int) -> None:
     rng = np.random.default_rng(3)
     m_from_tcp, ots_from_r, ots_from_m, robot_from_tcp = scene(3)
     seen = TRIANGLE @ ots_from_r[:3, :3].T + ots_from_r[:3, 3]
     spread = np.diag([0.2, 0.1, 0.4]) ** 2
     both = np.tile(spread, (3, 1, 1))
     turns = []
-    for _ in range(1500):
+    for _ in range(cases):
         noisy = [points + rng.normal(size=(3, 3)) * np.sqrt(np.diag(spread)) for points in (seen, TRIANGLE)]
         off = tool_orientation(noisy[0], noisy[1], ots_from_m, robot_from_tcp) @ m_from_tcp[:3, :3].T
         turns.append(Rotation.from_matrix(off).as_rotvec())
@@ -115,10 +117,11 @@ def test_poses_that_are_both_the_other_way_round_are_refused() -> None:
         calibrate_hand_eye(invert(seen), invert(driven))
 
 
+@few_or_all("cases", 3, 8)
 @pytest.mark.parametrize("memory", [0.0, 0.9])
-def test_hand_eye_states_its_own_error_whatever_the_noises_memory(memory: float) -> None:
+def test_hand_eye_states_its_own_error_whatever_the_noises_memory(memory: float, cases: int) -> None:
     squares = []
-    for seed in range(8):
+    for seed in range(cases):
         seen, driven, m_from_tcp, robot_from_ots = hand_eye_poses(seed, 60, 0.0, 0.0)
         white = np.random.default_rng(seed).normal(size=(200, 6)) * np.repeat([1e-3, 0.2], 3)
         noise = lfilter([np.sqrt(1 - memory**2)], [1, -memory], white, axis=0)[-len(seen) :]
@@ -160,7 +163,8 @@ def test_poses_that_a_tracker_sends_again_while_the_robot_moves_on_are_left_out(
     assert not calibrate_hand_eye(*hand_eye_poses(6, 60, 1e-3, 0.2)[:2]).doubts
 
 
-def test_hand_eye_with_a_slow_error_in_the_tools_axes_states_its_own_error() -> None:
+@few_or_all("cases", 3, 6)
+def test_hand_eye_with_a_slow_error_in_the_tools_axes_states_its_own_error(cases: int) -> None:
     """It was stated 1.6 times too small: the axes were told apart by likelihoods of unlike numbers of frequencies."""
     rng = np.random.default_rng(8)
     time = np.linspace(0, 12 * np.pi, 100)
@@ -169,7 +173,7 @@ def test_hand_eye_with_a_slow_error_in_the_tools_axes_states_its_own_error() -> 
     driven[:, :3, :3] = Rotation.from_rotvec(np.radians(40) * swing).as_matrix()
     driven[:, :3, 3] = 200 * np.column_stack([np.cos(0.6 * time), np.sin(0.8 * time), np.cos(0.35 * time + 1)])
     squares = []
-    for _ in range(6):
+    for _ in range(cases):
         white = rng.normal(size=(300, 6)) * np.repeat([1e-3, 0.2], 3)
         noise = lfilter([np.sqrt(1 - 0.9**2)], [1, -0.9], white, axis=0)[-100:]
         seen = driven.copy()
@@ -184,12 +188,13 @@ def test_hand_eye_with_a_slow_error_in_the_tools_axes_states_its_own_error() -> 
     assert 0.4 < np.mean(squares) < 1.6
 
 
+@few_or_all("cases", 3, 8)
 @pytest.mark.parametrize("in_tool", [False, True])
-def test_hand_eye_under_a_steady_drift_states_its_own_error(in_tool: bool) -> None:
+def test_hand_eye_under_a_steady_drift_states_its_own_error(in_tool: bool, cases: int) -> None:
     """Of R from OTS it was stated up to a hundred times too large; true is what holds in the recording's middle."""
     squares = []
     time = np.linspace(-1, 1, 100)[:, None]
-    for seed in range(200, 208):
+    for seed in range(200, 200 + cases):
         seen, driven, m_from_tcp, robot_from_ots = hand_eye_poses(seed, 100, 0.0, 0.0)
         rng = np.random.default_rng(seed)
         errors = (rng.normal(size=(100, 6)) + 2 * time * rng.normal(size=6)) * np.repeat([1e-3, 0.2], 3)
@@ -217,10 +222,11 @@ def test_many_poses_beat_one() -> None:
     assert off(calibrate_hand_eye(seen, driven).m_from_tcp.rotation) < 0.5 * off(one)
 
 
-def test_hand_eye_of_few_poses_states_its_own_error() -> None:
+@few_or_all("cases", 4, 10)
+def test_hand_eye_of_few_poses_states_its_own_error(cases: int) -> None:
     """Drifts can follow four poses almost anywhere; what is left does not say how well they are known."""
     squares = []
-    for seed in range(10):
+    for seed in range(cases):
         seen, driven, m_from_tcp, _ = hand_eye_poses(seed, 4, 1e-3, 0.2)
         found = calibrate_hand_eye(seen, driven).m_from_tcp
         off = m_from_tcp @ invert(found.matrix)

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.pose import invert
 from ronnaplan.robot.pivot import calibrate_pivot
+from tests.long import few_or_all
 
 TIP = np.array([-15.0, 240.0, -7.0])
 PIVOT = np.array([-800.0, -85, -2100])
@@ -87,15 +88,16 @@ def noisy(kind: str, rng: np.random.Generator, count: int) -> np.ndarray:
     return found
 
 
+@few_or_all("cases", 8, 20)
 @pytest.mark.parametrize(
     ("kind", "in_tool"),
     [("white", False), ("filtered", False), ("filtered", True), ("walking", False), ("drifting", False)],
 )
-def test_the_error_is_as_large_as_stated_whatever_the_noises_memory(kind: str, in_tool: bool) -> None:
+def test_the_error_is_as_large_as_stated_whatever_the_noises_memory(kind: str, in_tool: bool, cases: int) -> None:
     """Squared error over stated covariance, one expected per axis; in the tool's axes, too, where long tools err."""
     rng = np.random.default_rng(21)
     squares = []
-    for _ in range(20):
+    for _ in range(cases):
         poses = recording(0, 200, noise_mm=0.0)
         noise = noisy(kind, rng, len(poses))
         poses[:, :3, 3] += np.einsum("nij,nj->ni", poses[:, :3, :3], noise) if in_tool else noise
@@ -105,13 +107,16 @@ def test_the_error_is_as_large_as_stated_whatever_the_noises_memory(kind: str, i
     assert 0.6 < np.mean(squares) / 3 < 1.6  # one standard deviation of the mean: 0.18
 
 
+@few_or_all("cases", 6, 15)
 @pytest.mark.parametrize(("kind", "in_tool"), [("walking", False), ("drifting", False), ("drifting", True)])
-def test_the_error_is_as_large_as_stated_where_orientations_wander_and_drift(kind: str, in_tool: bool) -> None:
+def test_the_error_is_as_large_as_stated_where_orientations_wander_and_drift(
+    kind: str, in_tool: bool, cases: int
+) -> None:
     """An orientation acts on the tip by the tool's lever, which turns with it."""
     rng = np.random.default_rng(23)
     exact = recording(0, 100, noise_mm=0.0)
     squares = []
-    for _ in range(15):
+    for _ in range(cases):
         poses, place = exact.copy(), noisy(kind, rng, 100)
         turns = Rotation.from_rotvec(noisy(kind, rng, 100) / 150.0).as_matrix()
         poses[:, :3, 3] += np.einsum("nij,nj->ni", exact[:, :3, :3], place) if in_tool else place
@@ -122,13 +127,16 @@ def test_the_error_is_as_large_as_stated_where_orientations_wander_and_drift(kin
     assert 0.5 < np.mean(squares) / 3 < 1.4  # one standard deviation of the mean: 0.21
 
 
+@few_or_all("cases", 8, 20)
 @pytest.mark.parametrize("count", [60, 100])
-def test_the_error_of_a_short_recording_is_as_large_as_stated_where_a_filter_smooths_it(count: int) -> None:
+def test_the_error_of_a_short_recording_is_as_large_as_stated_where_a_filter_smooths_it(
+    count: int, cases: int
+) -> None:
     """A filter remembers so many poses, not a share of the recording: it was told 2 and 3 times too surely."""
     rng = np.random.default_rng(24)
     exact = recording(0, count, noise_mm=0.0)
     squares = []
-    for _ in range(20):
+    for _ in range(cases):
         poses, memory = exact.copy(), np.exp(-1 / 7)
         smooth = lfilter(
             [(1 - memory) ** 2], [1, -2 * memory, memory**2], rng.normal(size=(count + 100, 3)), axis=0
@@ -140,11 +148,12 @@ def test_the_error_of_a_short_recording_is_as_large_as_stated_where_a_filter_smo
     assert 0.5 < np.mean(squares) / 3 < 1.6  # one standard deviation of the mean: 0.18
 
 
-def test_halves_of_a_recording_with_an_uneven_long_memory_agree() -> None:
+@few_or_all("cases", 8, 25)
+def test_halves_of_a_recording_with_an_uneven_long_memory_agree(cases: int) -> None:
     """Orientation errors over a long tool: across it ten times as large as along it, and smooth in time."""
     rng = np.random.default_rng(22)
     squares = []
-    for _ in range(25):
+    for _ in range(cases):
         poses = recording(0, 600, noise_mm=0.0)
         smooth = lfilter([0.2**2], [1, -1.6, 0.64], rng.normal(size=(800, 3)), axis=0)[200:] * (4.0, 0.4, 4.0)
         poses[:, :3, 3] += np.einsum("nij,nj->ni", poses[:, :3, :3], smooth)

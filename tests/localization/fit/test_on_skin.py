@@ -15,6 +15,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import localize, sizes_seen
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanwide.thick import as_thin
+from tests.long import few_or_all
 from tests.scans import balls, offsets_mm, scan, small_stack
 
 CLOSE = {"start_mm": -15, "stop_mm": 15, "matrix": 80, "field_of_view_mm": 40}
@@ -44,12 +45,13 @@ def on_a_head(
     return head + balls([tuple(center)], diameter_mm, material), center, outward
 
 
+@few_or_all("cases", 2, 4)
 @pytest.mark.parametrize("gap_mm", [0.0, 0.6])
 @pytest.mark.parametrize("diameter_mm", [4.0, 6.0])
-def test_a_small_plastic_ball_on_skin_is_found(diameter_mm: float, gap_mm: float) -> None:
+def test_a_small_plastic_ball_on_skin_is_found(diameter_mm: float, gap_mm: float, cases: int) -> None:
     """Skin is as bright as the ball, and reaches through the blur to a quarter of the surface of one of 4 mm."""
     generator = np.random.default_rng(5)
-    for seed in range(4):
+    for seed in range(cases):
         scene, center, _ = on_a_head(generator, 70.0, diameter_mm, gap_mm=gap_mm)
         volume = scan(scene, small_stack(**CLOSE, spacing_mm=0.8), blur_mm=0.55, seed=seed)
         found = localize(volume, diameter_mm=diameter_mm, expected=1)[0]
@@ -129,10 +131,11 @@ def test_slices_that_overlap_are_as_thick_as_the_tag_says() -> None:
     assert as_thin(scanned).thickness_mm(np.zeros(3)) == 1.0  # each slice has noise of its own
 
 
-def test_a_ball_on_skin_is_found_in_coarse_and_noisy_voxels() -> None:
+@few_or_all("cases", 2, 4)
+def test_a_ball_on_skin_is_found_in_coarse_and_noisy_voxels(cases: int) -> None:
     """As PET/CT scans have them: 40 HU in pixels of 1.2 mm and slices of 3 mm."""
     generator = np.random.default_rng(5)
-    for seed in range(4):
+    for seed in range(cases):
         scene, center, _ = on_a_head(generator, 70.0, 10.0)
         volume = scan(scene, small_stack(matrix=52, spacing_mm=3.0), blur_mm=0.8, noise_hu=40.0, seed=seed)
         found = localize(volume, diameter_mm=10.0, expected=1)[0]
@@ -140,10 +143,11 @@ def test_a_ball_on_skin_is_found_in_coarse_and_noisy_voxels() -> None:
         assert error_mm @ np.linalg.solve(found.covariance_mm2, error_mm) < chi2.ppf(0.999, 3)
 
 
+@few_or_all("cases", 1, 3)
 @pytest.mark.parametrize("diameter_mm", [4.0, 6.0])
-def test_a_peg_with_a_round_end_is_no_ball_on_skin(diameter_mm: float) -> None:
+def test_a_peg_with_a_round_end_is_no_ball_on_skin(diameter_mm: float, cases: int) -> None:
     """It goes on to the skin as wide as its end, so that a ring of the surface is no sphere's."""
-    for seed in range(3):
+    for seed in range(cases):
         skin = Part(half_space((0.0, 0.0, -0.7 * diameter_mm), (0.0, 0.0, 1.0)), "skin")
         peg = cylinder((0.2, 0.1, -0.7 * diameter_mm), (0.0, 0.0, 1.0), 0.7 * diameter_mm, diameter_mm)
         scene = Scene((skin, Part(peg, "acrylic"))) + balls([(0.2, 0.1, 0.0)], diameter_mm)
@@ -153,11 +157,12 @@ def test_a_peg_with_a_round_end_is_no_ball_on_skin(diameter_mm: float) -> None:
         assert len(found) == 0
 
 
+@few_or_all("cases", 3, 6)
 @pytest.mark.parametrize(("material", "diameter_mm"), [("titanium", 4.0), ("steel", 5.0), ("ceramic", 10.0)])
-def test_a_ball_on_a_round_head_is_not_drawn_to_the_skin(material: str, diameter_mm: float) -> None:
+def test_a_ball_on_a_round_head_is_not_drawn_to_the_skin(material: str, diameter_mm: float, cases: int) -> None:
     generator = np.random.default_rng(8)
     errors_mm = []
-    for seed in range(6):
+    for seed in range(cases):
         scene, center, outward = on_a_head(generator, 85.0, diameter_mm, material)
         stack = small_stack(**CLOSE, spacing_mm=0.6, thickness_mm=0.6)
         found = localize(scan(scene, stack, blur_mm=0.65, seed=seed), diameter_mm=diameter_mm, expected=1)
@@ -184,11 +189,12 @@ def test_skin_that_is_rounder_or_flatter_than_most_hardly_displaces_a_ball(
     assert np.mean(normalized) < chi2.ppf(0.99, 3)
 
 
-def test_a_bright_ball_on_a_short_post_is_not_drawn_to_the_skin() -> None:
+@few_or_all("cases", 3, 6)
+def test_a_bright_ball_on_a_short_post_is_not_drawn_to_the_skin(cases: int) -> None:
     """What stands beneath is skin and a post of its level; a fit that knows of skin only is off by 0.026 mm."""
     generator = np.random.default_rng(9)
     errors_mm = []
-    for seed in range(6):
+    for seed in range(cases):
         center, outward = generator.uniform(-0.5, 0.5, 3), np.array([0.5, -0.7, generator.uniform(-0.6, 0.6)])
         outward /= np.linalg.norm(outward)
         head = Part(sphere(tuple(center - (85.0 + 3.5) * outward), 170.0), "skin")

@@ -40,6 +40,7 @@ from ronnaplan.localization.judge.uncertainty import (
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanwide.together import MEDIAN_SHARE, usual_odd_mm2, with_usual
 from ronnaplan.localization.search.look import held_by
+from tests.long import few_or_all
 from tests.scans import balls, bent, scan, small_stack
 
 CHI2_95 = 7.81
@@ -116,8 +117,9 @@ def test_a_cavity_that_lies_aside_is_told_or_stated(aside: tuple[float, float, f
         assert float(np.linalg.norm(error)) < 0.005
 
 
-def test_the_scatter_over_noise_is_at_the_bound_and_within_the_stated_error(quiet: CTVolume) -> None:
-    fits = [fit_of(with_white_noise(quiet, 80.0, seed)) for seed in range(12)]
+@few_or_all("cases", 6, 12)
+def test_the_scatter_over_noise_is_at_the_bound_and_within_the_stated_error(quiet: CTVolume, cases: int) -> None:
+    fits = [fit_of(with_white_noise(quiet, 80.0, seed)) for seed in range(cases)]
     scatter = np.std([fit.center_mm for fit in fits], axis=0, ddof=1)
     bound = np.sqrt(np.diag(np.mean([cramer_rao_bound(fit, noise_level(fit)) for fit in fits], axis=0)))
     stated = np.sqrt(np.diag(np.mean([center_covariance(fit, movement(Edge(fit))) for fit in fits], axis=0)))
@@ -126,27 +128,30 @@ def test_the_scatter_over_noise_is_at_the_bound_and_within_the_stated_error(quie
     assert np.sqrt(np.mean((scatter / stated) ** 2)) < 1.2
 
 
-def test_noise_that_is_correlated_within_the_slice_counts_for_what_it_is(quiet: CTVolume) -> None:
+@few_or_all("cases", 6, 12)
+def test_noise_that_is_correlated_within_the_slice_counts_for_what_it_is(quiet: CTVolume, cases: int) -> None:
     generator = np.random.default_rng(3)
-    fits = [fit_of(with_grain(quiet, 20.0, 2, generator)) for _ in range(12)]
+    fits = [fit_of(with_grain(quiet, 20.0, 2, generator)) for _ in range(cases)]
     scatter = np.std([fit.center_mm for fit in fits], axis=0, ddof=1)
     stated = np.sqrt(np.diag(np.mean([center_covariance(fit, movement(Edge(fit))) for fit in fits], axis=0)))
     # Counted as if it were white, it would be stated too small by a factor of two to six.
     assert 0.6 < np.sqrt(np.mean((scatter / stated) ** 2)) < 1.4
 
 
-def test_two_or_three_slices_of_a_small_ball_state_its_noise_as_many_would() -> None:
+@few_or_all("cases", 12, 24)
+def test_two_or_three_slices_of_a_small_ball_state_its_noise_as_many_would(cases: int) -> None:
     ball = scan(balls([(1.0, 2.0, 3.0)], 5.0), small_stack(thickness_mm=2.5, spacing_mm=2.5), noise_hu=0.0)
-    squares = small_ball_errors(ball, (with_white_noise(ball, 25.0, seed) for seed in range(24)))
+    squares = small_ball_errors(ball, (with_white_noise(ball, 25.0, seed) for seed in range(cases)))
     assert np.mean(squares > CHI2_95) < 0.2  # 0.46 while each slice was summed as a whole
 
 
-def test_noise_that_neighbouring_octants_of_a_slice_share_is_stated() -> None:
+@few_or_all("cases", 12, 24)
+def test_noise_that_neighbouring_octants_of_a_slice_share_is_stated(cases: int) -> None:
     around = small_stack(
         thickness_mm=0.5, spacing_mm=0.5, start_mm=-5.0, stop_mm=11.0, matrix=64, field_of_view_mm=32.0
     )
     ball = scan(balls([(1.0, 2.0, 3.0)], 5.0), around, noise_hu=0.0)
-    noisy = (with_grain(ball, 15.0, 3, np.random.default_rng(seed)) for seed in range(24))
+    noisy = (with_grain(ball, 15.0, 3, np.random.default_rng(seed)) for seed in range(cases))
     assert np.mean(small_ball_errors(ball, noisy)) / 3.0 < 1.9  # 2.35 by octants alone
 
 
@@ -160,12 +165,13 @@ def test_the_larger_of_two_covariances_is_no_smaller_than_either_in_any_directio
     np.testing.assert_allclose(larger(other, one), both)
 
 
+@few_or_all("cases", 6, 12)
 @pytest.mark.parametrize("across_slices", [(1, 1, 1), (1, -2, 1)], ids=["shared", "alternating"])
-def test_noise_of_overlapping_slices_counts_for_what_it_is(across_slices: tuple[int, ...]) -> None:
+def test_noise_of_overlapping_slices_counts_for_what_it_is(across_slices: tuple[int, ...], cases: int) -> None:
     ball = scan(balls([(1.0, 2.0, 3.0)]), small_stack(thickness_mm=1.5, spacing_mm=0.5), noise_hu=0.0)
     generator = np.random.default_rng(3)
     fits = []
-    for _ in range(12):
+    for _ in range(cases):
         noise = convolve1d(generator.normal(0, 1, ball.voxels_hu.shape), across_slices, axis=0)
         noisy = ball.voxels_hu + 80.0 * noise / noise.std()
         fits.append(fit_of(replace(ball, voxels_hu=noisy.astype(np.float32))))

@@ -16,6 +16,7 @@ from ronnaplan.localization import localize
 from ronnaplan.localization.scanner.beat import DISPLACED_SHARE, noise_beats
 from ronnaplan.localization.scanner.scan import Scan
 from tests.localization.scanner.test_measured import resampled
+from tests.long import few_or_all
 from tests.scans import balls, scan, small_stack
 
 GAP_MM = 0.8
@@ -37,17 +38,18 @@ def test_the_noise_of_measured_slices_does_not_beat(seed: int) -> None:
     assert not noise_beats(soft_tissue(seed, noise_hu=0.0))
 
 
+@few_or_all("cases", 2, 6)
 @pytest.mark.parametrize("shown", range(13, 29))
-def test_few_slices_of_soft_tissue_tell_nothing(shown: int) -> None:
+def test_few_slices_of_soft_tissue_tell_nothing(shown: int, cases: int) -> None:
     """As a scan of the crown has them: one told slice ended in a division by zero, and a wave fits any three."""
     beats = []
-    for seed in range(6):
+    for seed in range(cases):
         volume = soft_tissue(seed)
         noise = np.random.default_rng(seed).normal(size=len(volume.voxels_hu)) * 0.3
         voxels_hu = np.round(40.0 + (volume.voxels_hu - 40.0) * np.exp(noise)[:, np.newaxis, np.newaxis])
         voxels_hu[shown:] = -1000.0
         beats.append(noise_beats(replace(volume, voxels_hu=voxels_hu.astype(np.int16))))
-    assert beats == 6 * [False]
+    assert beats == cases * [False]
 
 
 @pytest.mark.parametrize(("step_mm", "start_mm"), [(0.9, 0.0), (1.0, 0.3), (1.2, 0.1), (0.64, 0.5)])

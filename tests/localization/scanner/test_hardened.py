@@ -36,7 +36,7 @@ CLIPPED_HU = np.int16(2600)
 
 ONE_ENERGY = np.array([0.02])
 
-RAY_MM, VIEWS, BLUR_MM = 0.05, 180, 0.45
+RAY_MM, COARSE_RAY_MM, VIEWS, BLUR_MM = 0.05, 0.1, 120, 0.45
 PIXEL_MM, NEAR_MM, SEEN_MM = 0.4, 9.2, 80.0
 HEIGHTS_MM = np.linspace(-5.6, 5.6, 15)
 
@@ -131,7 +131,7 @@ def scanned(
 @pytest.fixture(scope="module")
 def by_two_energies() -> CTVolume:
     """A dense ball on its post, beside a head that hardens its rays."""
-    return scanned(GLASS_PER_MM_AT, WATER_PER_MM_AT, 0.5)
+    return scanned(GLASS_PER_MM_AT, WATER_PER_MM_AT, 0.5, ray_mm=COARSE_RAY_MM)
 
 
 @pytest.fixture(scope="module")
@@ -172,8 +172,7 @@ def test_a_hollow_ball_is_seen_as_round_as_it_is_beside_a_head_that_hardens_its_
         0.5,
         post_mm=0.0,
         cavity_mm=RADIUS_MM - WALL_MM,
-        ray_mm=0.1,  # that it is coarse saves time
-        views=120,
+        ray_mm=COARSE_RAY_MM,
         heights_mm=np.linspace(-5.6, 5.6, 9),
     )
     hollow = Build.parse(f"shell:{WALL_MM:g}")
@@ -221,7 +220,16 @@ def test_what_a_row_adds_up_before_the_logarithm_is_made_good_across_the_slices(
     pull_mm = ROW_MM2 * ONE_ENERGY[0] / np.pi * (below - above) * 0.25**2 / 8.0
     heights_mm = []
     for way in (taper, -taper):  # what slices as thick as this do to any ball is the same for both
-        volume = scanned(3.0 * ONE_ENERGY, ONE_ENERGY, 0.0, post_mm=0.0, row_mm=row_mm, taper=way)
+        volume = scanned(
+            3.0 * ONE_ENERGY,
+            ONE_ENERGY,
+            0.0,
+            post_mm=0.0,
+            row_mm=row_mm,
+            taper=way,
+            ray_mm=COARSE_RAY_MM,
+            views=180,
+        )
         heights_mm.append([fit.center_mm[2] for fit in (untouched(volume), fitted(volume))])
     before_mm, after_mm = (np.array(heights_mm[1]) - heights_mm[0]) / 2.0
     assert before_mm == pytest.approx(pull_mm, rel=0.4)
@@ -229,7 +237,7 @@ def test_what_a_row_adds_up_before_the_logarithm_is_made_good_across_the_slices(
 
 
 def test_without_a_head_beside_it_a_ball_is_fitted_as_ever() -> None:
-    volume = scanned(GLASS_PER_MM_AT, WATER_PER_MM_AT, 0.5, head_mm=0.0)
+    volume = scanned(GLASS_PER_MM_AT, WATER_PER_MM_AT, 0.5, head_mm=0.0, ray_mm=COARSE_RAY_MM)
     assert (fitted(volume).theta == untouched(volume).theta).all()
     assert fitted(volume).made_good_mm is None
 
@@ -237,7 +245,7 @@ def test_without_a_head_beside_it_a_ball_is_fitted_as_ever() -> None:
 @cache
 def without_a_head() -> CTVolume:
     """A ball of water beside nothing."""
-    return scanned(ONE_ENERGY, ONE_ENERGY, 0.0, head_mm=0.0)
+    return scanned(ONE_ENERGY, ONE_ENERGY, 0.0, head_mm=0.0, ray_mm=COARSE_RAY_MM)
 
 
 @pytest.mark.parametrize("padding_hu", [31744.0, 62512.0], ids=["-32768 unsigned", "-2000 unsigned"])

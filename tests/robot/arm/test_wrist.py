@@ -17,6 +17,7 @@ from ronnaplan.robot.arm.inverse import inverse
 from ronnaplan.robot.arm.numeric import inverse_numeric
 from ronnaplan.robot.arm.quality import singularity_deg
 from ronnaplan.robot.arm.wrist import center_mm, shoulder_mm, stretched_mm, wrist_of
+from tests.long import few_or_all
 from tests.robot.arm.arms import HALF, PANDA_M, SEVEN, UR5E_M, UR10E_M, calibrated, iiwa, panda, ur
 from tests.robot.arm.test_kinematics import peer_poses, random_angles, read, weakest_direction
 
@@ -71,10 +72,11 @@ def turned(found: FloatArray, angles: FloatArray) -> FloatArray:
     return np.asarray(np.abs((found - angles + np.pi) % (2 * np.pi) - np.pi).max(axis=-1))
 
 
+@few_or_all("cases", 20, 60)
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_branch_of_any_arm_of_each_kind_reaches_the_pose(kind: str) -> None:
+def test_every_branch_of_any_arm_of_each_kind_reaches_the_pose(kind: str, cases: int) -> None:
     counts = []
-    for seed in range(60):
+    for seed in range(cases):
         arm = drawn(seed, kind)
         assert wrist_of(arm).parallel is (kind == "parallel")
         angles = random_angles(arm, PER_ARM, seed)
@@ -111,10 +113,11 @@ def test_a_ur_is_solved_as_pinocchio_moves_it(lengths_m: tuple[float, ...], tmp_
     np.testing.assert_allclose(stretched, [-upper - fore, -side - end, foot - wrist], atol=1e-9)
 
 
+@few_or_all("cases", 4, 6)
 @pytest.mark.parametrize("kind", ["parallel", "shoulder"])
-def test_all_that_the_numerical_inverse_finds_is_among_the_eight(kind: str) -> None:
+def test_all_that_the_numerical_inverse_finds_is_among_the_eight(kind: str, cases: int) -> None:
     found = []
-    for seed in range(6):
+    for seed in range(cases):
         arm = drawn(seed, kind)
         asked = forward(arm, random_angles(arm, 1, seed + 10)[0])
         closed = inverse(arm, asked[None])

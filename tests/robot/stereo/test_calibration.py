@@ -14,6 +14,7 @@ from ronnaplan.robot.stereo import board, calibration
 from ronnaplan.robot.stereo.board import FEWEST_BOARDS
 from ronnaplan.robot.stereo.calibration import calibrate_on_board, calibrate_tcp
 from ronnaplan.robot.stereo.sphere import locate_sphere
+from tests.long import few_or_all
 from tests.robot.stereo.boards import find_once
 from tests.robot.stereo.stereo_views import DIAMETER, RIG_EXACT, moved, placed
 
@@ -145,10 +146,11 @@ def test_cameras_that_mirror_their_images_place_no_rig() -> None:
         calibrate_tcp(poses, spheres * [-1, 1, 1])
 
 
-def test_the_rigs_place_has_the_stated_error() -> None:
+@few_or_all("cases", 40, 150)
+def test_the_rigs_place_has_the_stated_error(cases: int) -> None:
     at = np.array([[0.0, 0, 300]])
     images, stated = [], []
-    for seed in range(150):
+    for seed in range(cases):
         poses, spheres, truth = looks(seed, 15, 0.05)
         found = calibrate_tcp(poses, spheres).tcp_from_rig
         images.append(found.apply(at)[0])

@@ -162,8 +162,9 @@ def test_places_beyond_the_boards_are_known_worse(monkeypatch: pytest.MonkeyPatc
     wide, near = (calibrated(monkeypatch, np.random.default_rng(10), wide=one) for one in (1.0, 0.6))
     assert known_share(wide.rig(NO_TCP), 0.012) > 0.8 > 0.6 > known_share(near.rig(NO_TCP), 0.012) > 0.1
     assert wide.doubts() == ()
-    assert "the boards tell the cameras to 0.012 mm in " in near.doubts()[0]
-    assert "take more boards" in near.doubts()[0]
+    (doubt,) = near.doubts()
+    assert "the boards tell the cameras to 0.012 mm in " in doubt
+    assert "take more boards" in doubt
     assert "the boards tell the cameras to 0.013 mm in " in near.doubts(0.013)[0]
     assert near.doubts(0.1) == ()
 

@@ -12,6 +12,7 @@ from ronnaplan.pose import Pose, invert, transform_points
 from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.stereo.camera import RIG
 from ronnaplan.robot.stereo.markers import RobotMarkers, register_robot_markers, require_apart
+from tests.long import few_or_all
 
 CT = Frame("CT", "1.2")
 HEAD_MM = np.array([[60.0, -50, 40], [-55, -60, 30], [70, 20, 50], [-40, 70, 60], [10, 90, 45]])
@@ -43,14 +44,15 @@ def looked(
     return ct, RobotMarkers(tuple("01234"), in_rig, own, poses, Pose(believed, common, TCP, RIG))
 
 
+@few_or_all("cases", 50, 150)
 @pytest.mark.parametrize("tilt", [0.0, 0.3])
-def test_the_common_error_of_the_rig_does_not_average_out(tilt: float) -> None:
+def test_the_common_error_of_the_rig_does_not_average_out(tilt: float, cases: int) -> None:
     """With looks alike it shifts all markers together; the stated error is that of 150 simulated sessions."""
     common = np.diag(np.repeat([2e-4**2, 0.08**2], 3))
     target = np.array([[5.0, 0, 10]])
     rng = np.random.default_rng(3)
     places, stated, independent = [], [], []
-    for _ in range(150):
+    for _ in range(cases):
         ct, spheres = looked(rng, tilt, 0.03, common)
         found = register_robot_markers(ct, spheres, expected=5, sigma_ct_mm=0.0)
         places.append(found.robot_from_ct.apply(target)[0])

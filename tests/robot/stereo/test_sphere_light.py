@@ -10,6 +10,7 @@ from phantoms.stereo_kinds import SCENES
 from phantoms.stereo_scenes import random_rig, render
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.robot.stereo.sphere import locate_sphere
+from tests.long import few_and_others, few_or_all
 from tests.robot.stereo.stereo_views import DIAMETER, calibrated, rendered
 
 
@@ -91,7 +92,7 @@ def dusty(grey: np.ndarray, rng: np.random.Generator, specks: int = 8) -> np.nda
     return np.rint(grey * (1 - gaussian_filter(dust, 1.0))).astype(grey.dtype)
 
 
-@pytest.mark.parametrize("seed", [2, 3, 4])
+@few_and_others("seed", [2], [3, 4])
 def test_dust_all_over_a_ball_does_not_keep_it_from_being_measured(seed: int) -> None:
     """No sector is without a speck; by the whole of it and by its rim no outline is found."""
     view, rig = rendered("gradient 20 %", seed)
@@ -102,9 +103,10 @@ def test_dust_all_over_a_ball_does_not_keep_it_from_being_measured(seed: int) ->
     assert error @ np.linalg.solve(found.covariance_mm2, error) / 3 < 4
 
 
+@few_or_all("seeds", (1,), (1, 2))
 @pytest.mark.parametrize("name", ["flat disc", "half hidden", "20 % smaller"])
-def test_dust_makes_no_ball_of_what_is_none(name: str) -> None:
-    for seed in (1, 2):
+def test_dust_makes_no_ball_of_what_is_none(name: str, seeds: tuple[int, ...]) -> None:
+    for seed in seeds:
         view, rig = rendered(name, seed)
         rng = np.random.default_rng(seed)
         with pytest.raises(InputError, match="no sphere"):
