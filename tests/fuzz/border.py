@@ -32,7 +32,7 @@ class Border(ABC):
     most_bytes: ClassVar[int] = 2 * GIB
     """Resident memory of the whole process that no input may exceed."""
     inputs_in_tests: ClassVar[int] = 300
-    """Inputs that the tests try: a few seconds' worth."""
+    """Inputs that long runs of the tests try, a few seconds' worth; else a third of them are tried."""
     expected_outcomes: ClassVar[tuple[str, ...]] = ("refused", "read")
     """Each must be a tenth of all at least, else the inputs are too wild or too tame to find much."""
 

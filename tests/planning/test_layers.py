@@ -7,15 +7,17 @@ import pytest
 
 from ronnaplan.planning.compiled import way_out as compiled_way_out
 from ronnaplan.planning.layers import LONGEST_WAY_MM, STEP_MM, Way, way_out
+from tests.long import few_or_all
 from tests.planning.heads import STACKS, scanned
 
 
+@few_or_all("cases", 80, 200)
 @pytest.mark.parametrize("stack", STACKS)
-def test_both_searches_agree(stack: str) -> None:
+def test_both_searches_agree(stack: str, cases: int) -> None:
     head = scanned(stack, post=True, wire=True) if stack == "plain" else scanned(stack)
     scan, generator = head.scan, np.random.default_rng(8)
     ways = set()
-    for _ in range(200):
+    for _ in range(cases):
         start = generator.uniform(-1, 1, 3) * [50, 60, 50] + [0, 0, 20]
         outward = generator.standard_normal(3)
         outward /= np.linalg.norm(outward)

@@ -18,6 +18,7 @@ from ronnaplan.planning.candidates import spread_directions
 from ronnaplan.planning.placement import expected_tre_mm, scattered_layout
 from ronnaplan.planning.sites import PlacementRules, Sites, allowed_sites, even_layout, scalp_sites, surface_sites
 from ronnaplan.registration import register_points
+from tests.long import few_or_all
 from tests.planning.heads import SCALP, layered_head, normal, scanned
 from tests.scans import scan
 
@@ -35,7 +36,7 @@ def half_scalp(count: int) -> Sites:
 
 @pytest.fixture(scope="module")
 def sites() -> Sites:
-    return half_scalp(2500)
+    return half_scalp(1000)  # 697 places are enough to choose from
 
 
 def test_places_in_the_lower_half_are_named_unless_a_lowest_is_said(sites: Sites) -> None:
@@ -114,11 +115,11 @@ def test_no_single_move_helps_any_more(sites: Sites) -> None:
             assert not better or describe_layout(moved).refusal_probability() > 0.01
 
 
-def test_it_beats_even_and_random_spreads() -> None:
-    sites = half_scalp(1000)  # 697 places are enough to choose from
+@few_or_all("cases", 4, 12)
+def test_it_beats_even_and_random_spreads(sites: Sites, cases: int) -> None:
     generator = np.random.default_rng(4)
     even, random = [], []
-    for _ in range(12):
+    for _ in range(cases):
         targets = generator.uniform([-35, -44, -13], [35, 44, 44], (generator.integers(1, 5), 3))
         around = generator.uniform(0.0, 2.0 * np.pi)
         rules = replace(RULES, tracker=(float(np.cos(around)), float(np.sin(around)), 0.5))

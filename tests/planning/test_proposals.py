@@ -61,7 +61,7 @@ def test_candidates_agree_with_the_full_measure() -> None:
     upward = spread_directions(400)
     upward = upward[upward[:, 2] > 0.3]
     found = cast(head, TARGET, upward, Field.of([obstacle], head))
-    for m in range(0, len(upward), 9):
+    for m in range(0, len(upward), 19):
         entry = TARGET + reach(TARGET, upward[m], SCALP) * upward[m]
         exact = measure(Trajectory("A", entry, TARGET, head.volume.frame), head, obstacles=[obstacle])
         assert np.linalg.norm(found.entries_mm[m] - entry) < 0.3

@@ -15,6 +15,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import Head, Instrument, Trajectory
 from ronnaplan.planning.obstacles import Clearance, Kind, Voxels
 from ronnaplan.planning.sampling import SliceSampler
+from tests.long import few_or_all
 
 Solid = Callable[[FloatArray], FloatArray]
 """Below zero inside, at LPS places (..., 3)."""
@@ -66,12 +67,13 @@ def beside(vessel: Vessel, distance: float, grid: SliceGrid, generator: np.rando
     return measured(drawn(vessel.depth, head), head, middle - reach, middle + reach)
 
 
+@few_or_all("cases", 2, 5)
 @pytest.mark.parametrize("grid", ["even", "flat", "oblique", "tilted"])
 @pytest.mark.parametrize("shape", SHAPES)
-def test_distance_to_a_vessel_anyhow_in_the_scan_equals_its_closed_form(shape: str, grid: str) -> None:
+def test_distance_to_a_vessel_anyhow_in_the_scan_equals_its_closed_form(shape: str, grid: str, cases: int) -> None:
     """Vessels 4 to 10 mm wide in voxels of 0.5 mm (flat: slices 1 mm apart), paths 1 to 5 mm beside them."""
     generator = np.random.default_rng(11)
-    for _ in range(5):
+    for _ in range(cases):
         vessel = random_vessel(shape, generator.uniform(2.0, 5.0), generator)
         distance = generator.uniform(1.0, 5.0)
         found = beside(vessel, distance, grid_about(generator.uniform(-0.5, 0.5, 3), grid), generator)
@@ -81,11 +83,12 @@ def test_distance_to_a_vessel_anyhow_in_the_scan_equals_its_closed_form(shape: s
         assert distance - 0.2 < found.at_least_mm + 0.1 <= distance
 
 
+@few_or_all("cases", 8, 16)
 @pytest.mark.parametrize("voxel_mm", [0.5, 1.0])
-def test_at_least_is_never_above_the_true_distance(voxel_mm: float) -> None:
+def test_at_least_is_never_above_the_true_distance(voxel_mm: float, cases: int) -> None:
     """Where voxels are too coarse, the vessel thin, or along a grid axis, so that the wall is not told, too."""
     generator = np.random.default_rng(12)
-    for n in range(16):
+    for n in range(cases):
         radius, distance = generator.uniform(0.8, 4.0), generator.uniform(1.0, 5.0)
         axis = np.eye(3)[n % 3]
         vessel = (

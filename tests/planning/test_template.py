@@ -33,6 +33,7 @@ from ronnaplan.planning.template_layout import (
 )
 from ronnaplan.planning.template_solid import _letters, label_place, outline, template_solid
 from tests.localization.test_template import markers
+from tests.long import few_or_all
 from tests.names import ANY_NAME
 
 
@@ -61,8 +62,9 @@ def test_a_layout_that_equals_its_mirror_image_has_a_mirrored_rival_at_zero() ->
     assert describe_layout(kite).rival_distance_mm > 1.0
 
 
+@few_or_all("cases", 100, 300)
 @pytest.mark.parametrize("markers", [3, 5])
-def test_a_template_keeps_its_size_and_clearance_and_beats_every_random_one(markers: int) -> None:
+def test_a_template_keeps_its_size_and_clearance_and_beats_every_random_one(markers: int, cases: int) -> None:
     bridge = Bridge(size_mm=(100.0, 70.0))
     found = design_template(markers, bridge)
     assert (np.abs(found.holes_mm) <= np.array([50.0, 35.0]) - bridge.pad_radius_mm).all()
@@ -72,7 +74,7 @@ def test_a_template_keeps_its_size_and_clearance_and_beats_every_random_one(mark
     assert apart.min() >= bridge.marker_diameter_mm + bridge.clearance_mm
     assert found.refusal_probability < GREATEST_REFUSAL
     rng = np.random.default_rng(4)
-    others = [random_holes(markers, bridge, rng) for _ in range(300)]
+    others = [random_holes(markers, bridge, rng) for _ in range(cases)]
     worths = [TemplateLayout(bridge, holes).worth_mm for holes in others if holes is not None]
     assert found.worth_mm > max(worths)
     assert found.is_worth_more(max(worths))
