@@ -223,6 +223,7 @@ def _free_foot(generator: np.random.Generator, feet: list[Foot], size: float) ->
 def _places(generator: np.random.Generator, count: int, size: float) -> list[FloatArray]:
     """Draw directions to places on the upper scalp, apart from each other and clear of headrest and ears."""
     chosen: list[FloatArray] = []
+    feet_mm: list[FloatArray] = []
     for _ in range(20000):
         if len(chosen) == count:
             return chosen
@@ -230,10 +231,11 @@ def _places(generator: np.random.Generator, count: int, size: float) -> list[Flo
         at /= np.linalg.norm(at)
         if at[2] < 0.2 or (at[1] > 0.35 and at[2] < 0.72):
             continue
-        foot = scalp_foot(at, size).place_mm
-        gaps = [np.linalg.norm(foot - scalp_foot(other, size).place_mm) for other in chosen]
-        if min(gaps, default=np.inf) >= CLOSEST_FEET_MM:
+        foot_mm = scalp_foot(at, size).place_mm
+        gaps_mm = [np.linalg.norm(foot_mm - other_mm) for other_mm in feet_mm]
+        if min(gaps_mm, default=np.inf) >= CLOSEST_FEET_MM:
             chosen.append(at)
+            feet_mm.append(foot_mm)
     raise PhantomError(
         f"{count} markers and decoys do not fit on the scalp {CLOSEST_FEET_MM:g} mm apart; ask for fewer"
     )
