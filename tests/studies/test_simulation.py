@@ -14,6 +14,7 @@ from ronnaplan.studies.judging import judge_exact, judge_published
 from ronnaplan.studies.scenes import random_rotations, simulate_scenes, uniform_in_ball
 from ronnaplan.studies.simulation import run_block, run_simulation
 from ronnaplan.studies.tables import tables
+from tests.long import few_or_all
 
 
 def test_the_protocol_is_the_papers() -> None:
@@ -86,8 +87,9 @@ def test_the_goals_hold_on_a_sample() -> None:
         assert 100 * refused / (right + refused + wrong) <= percent, (markers, outliers)
 
 
-def test_stated_probabilities_are_calibrated_on_a_sample() -> None:
-    blocks = [run_block(head, 3, o, 0, 3, 0, DRAWN, 1, 500, 2018) for head in range(3) for o in (0, 2)]
+@few_or_all("scenes", 150, 500)
+def test_stated_probabilities_are_calibrated_on_a_sample(scenes: int) -> None:
+    blocks = [run_block(head, 3, o, 0, 3, 0, DRAWN, 1, scenes, 2018) for head in range(3) for o in (0, 2)]
     total = blocks[0]
     for block in blocks[1:]:
         total = add(total, block)
