@@ -15,7 +15,6 @@ from tests.cohort.scans import tiny
 from tests.cohort.under_fire import UnderFire
 
 SEED = 5
-SERIES = 20
 EVERY = 2
 """Series that are begun from one kill to the next."""
 MOST_S = 300.0
@@ -27,18 +26,28 @@ def client(folder: str, scheduler: str) -> None:
     run_cohort([f"{folder}/in"], Path(folder) / "killed", RULES, scheduler=scheduler, module=FAKE)
 
 
+@pytest.mark.parametrize(
+    ("killed", "series"),
+    [
+        pytest.param(("scheduler", "worker 1"), 8, id="few"),
+        pytest.param(
+            ("scheduler", "worker 1", "worker 2", "client", "child"), 20, id="all", marks=pytest.mark.long
+        ),
+    ],
+)
 @pytest.mark.skipif(sys.platform != "linux", reason="children are found in /proc")
 def test_whoever_is_killed_the_tables_are_those_of_a_run_in_peace(
-    tmp_path: Path, log: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, log: Path, monkeypatch: pytest.MonkeyPatch, killed: tuple[str, ...], series: int
 ) -> None:
-    for number in range(100, 100 + SERIES):
+    """Of the client and of the children there are tests of their own in `test_run`."""
+    for number in range(100, 100 + series):
         tiny(tmp_path / "in", str(number))
     run_cohort([str(tmp_path / "in")], tmp_path / "peace", RULES, workers=2, module=FAKE)
     monkeypatch.setenv("FAKE_SECONDS", "0.2")
     log.write_text("")
     command = ["-c", f"from {__name__} import client; import sys; client(*sys.argv[1:])", str(tmp_path)]
     fire, draws, next_kill = UnderFire(tmp_path, command), random.Random(SEED), EVERY
-    to_kill = fire.names
+    to_kill = list(killed)
     draws.shuffle(to_kill)
     try:
         for _ in range(int(MOST_S / 0.2)):
@@ -53,8 +62,8 @@ def test_whoever_is_killed_the_tables_are_those_of_a_run_in_peace(
         fire.close()
     told = (tmp_path / "log of processes").read_text()
     assert fire.is_done, told
-    assert fire.killed.total() >= 4, told
+    assert fire.killed.total() >= min(4, len(killed)), told
     for name in ("series.parquet", "markers.parquet"):
         ours, theirs = (parquet.read_table(tmp_path / out / name) for out in ("peace", "killed"))
-        assert ours.num_rows == SERIES
+        assert ours.num_rows == series
         assert ours.equals(theirs)
