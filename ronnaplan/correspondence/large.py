@@ -204,8 +204,8 @@ def is_mirrored(problem: Problem, best: Pose | None, of_best: float, work_done: 
     Or about as many, far nearer to each other: nearly all markers of a plate fit their mirror image as if errors were
     larger.
 
-    ``of_best`` pairs are right, as an expectation, of it or of any pose that was found. It is not looked for beyond the work allowed, of which
-    ``work_done`` is done.
+    ``of_best`` pairs are right, as an expectation, of it or of any pose that was found. It is not looked for beyond the
+    work allowed, of which ``work_done`` is done.
     """
     size, log_evidence = (0, LOG_ODDS_OF_MIRROR) if best is None else (len(best.pairs), best.log_evidence)
     found = find_poses(problem.mirrored(), MISSED_MIRROR, size + 1, work_done)

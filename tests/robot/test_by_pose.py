@@ -160,13 +160,10 @@ def test_rotations_without_errors_hide_no_scale(rotation_sd_deg: float, cases: i
     assert np.mean(of_base) < 2
 
 
-@few_or_all("cases", 3, 12)
-def test_a_small_tool_that_shows_turns_far_worse_than_places_is_stated_with_no_more_caution_than_others(
-    cases: int,
-) -> None:
+def test_a_small_tool_that_shows_turns_far_worse_than_places_is_stated_with_no_more_caution_than_others() -> None:
     """Of places that err by a hundredth of what rotations do at a meter noise was drawn that was there already."""
     of_tool, of_base = [], []
-    for seed in range(cases):
+    for seed in range(12):
         rng = np.random.default_rng(seed)
         seen, driven, m_from_tcp, robot_from_ots = recorded(rng, 40, rotation_sd_deg=0.3, place_sd_mm=0.05)
         found = calibrate_hand_eye(seen, driven)
