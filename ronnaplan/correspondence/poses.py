@@ -63,7 +63,7 @@ PARTS = 2
 LEAST_SHARED_WORK = 2e7
 """Seeds are looked up in one thread where no more work is left: to start threads takes about a hundredth of it."""
 
-REFINING_WORK = 500
+REFINING_WORK = 1_000
 """Work of refining a pose, for each CT point."""
 
 MISSED_FOR_SURE = 0.01
