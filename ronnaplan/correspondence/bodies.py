@@ -45,9 +45,9 @@ def points_left(problem: Problem, best: Pose, of_pairs: FloatArray) -> tuple[Int
 def poses_beside(found: Found, best: Pose, of_pairs: FloatArray, acceptable: float) -> list[Pose]:
     """Return the poses of bodies that would be rivals of the best pose among the points that it leaves.
 
-    A row, or another thin body, is missed among all points: its triangles are few, and hardly any leads to its pose.
-    Among the points that are left they are more, and so many are drawn that such a body is missed with the
-    ``acceptable`` probability, within what the search for all has left of the work allowed.
+    A body somewhat smaller than the best is missed more often than an equal among all points. Among those that are left
+    its triangles are more, and so many are drawn that it is missed with the ``acceptable`` probability, within what the
+    search for all has left of the work allowed.
     """
     problem = found.chance.problem
     i, j, least = points_left(problem, best, of_pairs)
@@ -61,10 +61,9 @@ def poses_beside(found: Found, best: Pose, of_pairs: FloatArray, acceptable: flo
 def odds_of_body_beside(problem: Problem, poses: list[Pose], of_pairs: FloatArray) -> float:
     """Return the odds that the patient is not the best pose's pairs but a body that was missed, among what they leave.
 
-    ``of_pairs`` are the pairs' probabilities. Few triangles lead to the pose of a small thin body (a plate, a row), so
-    that it may have been missed; it is sought by its distances alone. 0 beside bodies that are large enough for the
-    search for poses to be sure of their equals, where `points_left` are none, and for a body that was not missed: it
-    is weighed as a rival, by its points.
+    ``of_pairs`` are the pairs' probabilities. A small body holds few triangles, so that it may have been missed; it is
+    sought by its distances alone. 0 beside bodies that are large enough for the search for poses to be sure of their
+    equals, where `points_left` are none, and for a body that was not missed: it is weighed as a rival, by its points.
     """
     size = float(of_pairs.sum())
     i, j, least = points_left(problem, poses[0], of_pairs)
