@@ -19,6 +19,7 @@ from ronnaplan.correspondence.inputs import ErrorModel
 from ronnaplan.correspondence.problem import Problem
 from ronnaplan.correspondence.seeds import poses_of_seeds
 from ronnaplan.correspondence.told import Told
+from ronnaplan.correspondence.trials import MOST_TRIALS
 from ronnaplan.geometry import FloatArray
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 from ronnaplan.studies.scenes import uniform_in_ball
@@ -51,7 +52,7 @@ def success(rng: np.random.Generator, body: FloatArray, seeds: int, every: bool)
     problem = Problem(ct, ots, errors[0], errors[1], Told(), known, filled_volume(ct, ots), 60.0)
     search = poses.Search.of(problem, every)
     drawn = np.argsort(rng.random((seeds, BODY)), axis=1)[:, :3]
-    trials = np.argsort(rng.random((seeds, count)), axis=1)[:, : poses.MOST_TRIALS + 3]
+    trials = np.argsort(rng.random((seeds, count)), axis=1)[:, : MOST_TRIALS + 3]
     none = np.zeros((0, count), dtype=np.int64)
     matrices, hits, _, _ = poses_of_seeds(
         ct,
