@@ -247,7 +247,7 @@ def _weighed(sums: FloatArray, contrast: float, seen_hu: float, radius: float, d
     faint = max(NEIGHBOUR_SHARE * seen_hu, -OUTLIER_RATIO * quantile(excess, DARK_QUANTILE))
     excess[np.isnan(outside)], much = 0.0, min(NEIGHBOUR_SHARE * contrast, NEIGHBOUR_HU)
     beside = excess > min(faint, much)
-    if beside.mean() > MOST_HELD:
+    if len(np.nonzero(beside)[0]) > MOST_HELD * CELL_COUNT:
         beside = excess > much
     bright = (foreign | beside) & (excess > SPREAD_SHARE * contrast)
     left_out = foreign | beside | near_any(directions, bright, math.cos(math.radians(NEIGHBOUR_ANGLE_DEG)))
