@@ -84,6 +84,10 @@ class Chance:
         """Return the probability of each pair of a pose (3, 4) that its body, not chance, brings the two together."""
         return self._meetings(matrix, partner)[3][partner >= 0]
 
+    def right_pairs(self, pose: Pose) -> float:
+        """Return how many of a pose's pairs are right, as an expectation."""
+        return float(self.pair_probabilities(pose.matrix, pose.partner).sum())
+
     def sure_pairs(self, matrix: FloatArray, partner: IntArray) -> FloatArray:
         """Return the probability of each pair of a pose (3, 4) that it is one marker, against `strays` of it, too."""
         i, j, _, of_body = self._meetings(matrix, partner)

@@ -81,9 +81,7 @@ def match_large(problem: Problem, least_probability: float) -> Pairing:
         answer, of_pairs = weighed(views, least_probability)
     # What is given has its mirror image looked for as thoroughly; a refusal only gets its reason from it.
     work_done = 0.0 if answer.status == "unique" else work_allowed(problem) - kept_back
-    best = next(iter(views[0].poses), None)
-    of_best = max((right_pairs(views[0].chance, pose) for pose in views[0].poses[:MOST_RIVALS]), default=0.0)
-    if is_mirrored(views[0].chance.problem, best, of_best, work_done):
+    if is_mirrored(views[0], work_done):
         return Pairing.unmatched(LEFT_HANDED, answer.probability, rivals_of(views[0].poses))
     return answer
 
@@ -198,30 +196,24 @@ def nothing_found(found: Found) -> str:
     return f"{reason}; the search was given up before poses of fewer than {found.least_sure} pairs were sure to be seen"
 
 
-def is_mirrored(problem: Problem, best: Pose | None, of_best: float, work_done: float) -> bool:
-    """Tell whether a reflection, which no patient undergoes, would pair more points than the best pose does, if any.
+def is_mirrored(found: Found, work_done: float) -> bool:
+    """Tell whether a reflection, which no patient undergoes, would pair more points than the poses do that were found.
 
-    Or about as many, far nearer to each other: nearly all markers of a plate fit their mirror image as if errors were
-    larger.
-
-    ``of_best`` pairs are right, as an expectation, of it or of any pose that was found. It is not looked for beyond the
-    work allowed, of which ``work_done`` is done.
+    Or about as many, far nearer to each other than those of the best pose: nearly all markers of a plate fit their
+    mirror image as if errors were larger. It is not looked for beyond the work allowed, of which ``work_done`` is done.
     """
-    size, log_evidence = (0, LOG_ODDS_OF_MIRROR) if best is None else (len(best.pairs), best.log_evidence)
-    found = find_poses(problem.mirrored(), MISSED_MIRROR, size + 1, work_done)
-    if not found.poses or found.poses[0].log_evidence < log_evidence:
+    size, log_evidence = 0, LOG_ODDS_OF_MIRROR
+    if found.poses:
+        size, log_evidence = len(found.poses[0].pairs), found.poses[0].log_evidence
+    reflected = find_poses(found.chance.problem.mirrored(), MISSED_MIRROR, size + 1, work_done)
+    if not reflected.poses or reflected.poses[0].log_evidence < log_evidence:
         return False
-    mirrored = found.poses[0]
-    of_mirrored = right_pairs(found.chance, mirrored)
+    mirrored = reflected.poses[0]
+    most = max((found.chance.right_pairs(pose) for pose in found.poses[:MOST_RIVALS]), default=0.0)
     # Of flat or symmetric markers the noise decides: half the difference of two chi^2, of three freedoms a pair each.
     by_noise = AS_WELL_SIGMAS * math.sqrt(3.0 * len(mirrored.pairs))
     more_probable = mirrored.log_evidence - log_evidence > LOG_ODDS_OF_MIRROR + by_noise
-    return of_mirrored - of_best > MORE_IF_MIRRORED or more_probable
-
-
-def right_pairs(chance: Chance, pose: Pose) -> float:
-    """Return how many of a pose's pairs are right, as an expectation."""
-    return float(chance.pair_probabilities(pose.matrix, pose.partner).sum())
+    return reflected.chance.right_pairs(mirrored) - most > MORE_IF_MIRRORED or more_probable
 
 
 def telling_point(poses: list[Pose]) -> int | None:

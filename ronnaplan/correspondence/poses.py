@@ -39,7 +39,7 @@ seeds are drawn, a strict limit finds more in a given time; where every triangle
 SEED_SUCCESS = ((0.25, 0.4), (0.6, 0.75))
 SUCCESS_SIZES = (14.0, 40.0)
 """Share of the triangles within a body of so many points that lead to its pose, for these two limits, where enough of
-the points tried are of the body.  `scripts/fit_seed_success.py` measures 0.43 and 0.77 and more for 40 points on balls,
+the points tried are of the body.  `scripts/fit_seed_success.py` measures 0.5 and 0.92 and more for 40 points on balls,
 heads, plates and rods; rivals of 14 points planted in a test are found at 0.3."""
 
 PREDICTED = 0.6
@@ -61,7 +61,8 @@ PARTS = 2
 """Seeds are looked up in so many threads."""
 
 LEAST_SHARED_WORK = 2e7
-"""Seeds are looked up in one thread where no more work is left: to start threads takes about a hundredth of it."""
+"""Seeds are looked up in one thread where no more work is left: to start threads takes about a hundredth of it.
+How many seeds there are tells nothing: among 1,000 dense points one takes 40 ms."""
 
 REFINING_WORK = 1_000
 """Work of refining a pose, for each CT point."""
@@ -196,7 +197,7 @@ def find_poses(
                 add_pose(poses, pose)
             work_left -= work
             if poses and (top := max(poses, key=lambda pose: pose.log_evidence)) is not best:
-                best, size = top, max(float(chance.pair_probabilities(top.matrix, top.partner).sum()), least_size)
+                best, size = top, max(chance.right_pairs(top), least_size)
                 wanted = triangles * search.to_draw(size, acceptable)
             if done >= wanted or work_left <= 0:
                 break
@@ -253,7 +254,6 @@ def looked_up(
             finished,
         )
 
-    # Few seeds may be costly: among 1,000 dense points one takes 40 ms.
     run = pool.map if most_work > LEAST_SHARED_WORK else map
     ends = [math.ceil(len(seeds) * part / PARTS) for part in range(PARTS + 1)]
     results = list(run(of_part, (seeds[first:end] for first, end in pairwise(ends))))

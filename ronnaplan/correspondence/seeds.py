@@ -145,6 +145,24 @@ def steps_of(sides: FloatArray, widest: float, step: float, steps: int) -> NDArr
     return found
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def off2(
+    around: FloatArray,
+    r: int | np.integer,
+    x: float,
+    y: float,
+    z: float,
+    ac: float,
+    square_bc: float,
+    scale: float,
+) -> float:
+    """Return by how much (squared, summed) the sides ac and bc differ of the triangle whose q is at (x, y, z)."""
+    u, v, w = around[0, r] - x, around[1, r] - y, around[2, r] - z
+    of_bc, of_ac = scale * (u * u + v * v + w * w - square_bc), around[3, r] - ac
+    square: float = of_bc * of_bc + of_ac * of_ac
+    return square
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def triangles_at(
     around: FloatArray,
@@ -169,14 +187,10 @@ def triangles_at(
         x, y, z = around[0, q], around[1, q], around[2, q]
         hits, r = 0, r_first
         for at in range(r_first, r_end):  # hardly any agree; to count them alone is done several at a time
-            u, v, w = around[0, at] - x, around[1, at] - y, around[2, at] - z
-            of_bc, of_ac = scale * (u * u + v * v + w * w - square_bc), around[3, at] - ac
-            hits += of_bc * of_bc + of_ac * of_ac <= left
+            hits += off2(around, at, x, y, z, ac, square_bc, scale) <= left
         while hits > 0 and r < r_end:
-            u, v, w = around[0, r] - x, around[1, r] - y, around[2, r] - z
-            of_bc, of_ac = scale * (u * u + v * v + w * w - square_bc), around[3, r] - ac
             found[count, 0], found[count, 1] = q, r
-            is_hit = of_bc * of_bc + of_ac * of_ac <= left
+            is_hit = off2(around, r, x, y, z, ac, square_bc, scale) <= left
             hits -= is_hit
             count += is_hit and r != q
             r += np.uint64(1)
@@ -223,7 +237,7 @@ def poses_of_seeds(
 ) -> tuple[FloatArray, IntArray, float, bool]:
     """Return the poses (S, MOST_POSES, 3, 4) of seeds (S, 3) that meet the most points, their hits, and the work.
 
-    ``needed``: hits at least among so many ``trials``, and points (R,).  ``shares``: those of the trials that hit by
+    ``needed``: hits at least of 0, 1, ... ``trials`` (R,), and of points.  ``shares``: those of the trials that hit by
     chance, and under a right pose.  ``sides_chi2``: sum of squared differences of the three sides, in variances of a
     side's difference, up to which triangles agree.  ``table``: see `lookup.distance_table`.  ``hits`` (S, MOST_POSES)
     is 0 where no pose was entered.  The fourth result tells whether the seeds were looked up in all of the OTS points,

@@ -185,21 +185,19 @@ def posture_margins(
 @njit(cache=True, nogil=True, error_model="numpy")
 def parked(world: World, trolley: FloatArray) -> bool:
     """Whether the trolley's boxes (V, 8), in the room, keep clear of what stands there."""
+    need = world.needs[CLEARANCE_NEED]
     for v in range(len(trolley)):
         for n in range(len(world.boxes)):
-            if box_box(trolley[v], world.boxes[n]) < world.needs[CLEARANCE_NEED]:
+            if box_box(trolley[v], world.boxes[n]) < need:
                 return False
         for n in range(len(world.capsules)):
-            if (
-                segment_box(world.capsules[n], trolley[v], np.inf) - world.capsules[n, 6]
-                < world.needs[CLEARANCE_NEED]
-            ):
+            if segment_box(world.capsules[n], trolley[v], np.inf) - world.capsules[n, 6] < need:
                 return False
         for g in range(len(world.gathered)):
-            if point_box(world.gathered[g], trolley[v]) - world.gathered[g, 3] >= world.needs[CLEARANCE_NEED]:
+            if point_box(world.gathered[g], trolley[v]) - world.gathered[g, 3] >= need:
                 continue
             for n in range(world.firsts[g], world.firsts[g + 1]):
-                if point_box(world.head[n], trolley[v]) - world.head[n, 3] < world.needs[CLEARANCE_NEED]:
+                if point_box(world.head[n], trolley[v]) - world.head[n, 3] < need:
                     return False
     return True
 
