@@ -12,7 +12,8 @@ from ronnaplan.robot.placement.search import Problem
 from tests.robot.placement.cases import CENTER_MM, HEAD_MM
 
 TOOL_AND_FOREARM = ((6, 4),)
-"""Links with fewer than three joints between them that may not overlap: the wrist, link 5, is drawn into the tool."""
+"""Links with fewer than three joints between them that may not overlap: the wrist, link 5, is drawn into the tool, and
+the instrument leaves that."""
 
 
 class Peer:
@@ -53,7 +54,7 @@ class Peer:
             )
             things += [
                 placed[j]
-                for j in range(k if k < len(placed) - 1 else 0)
+                for j in range(k)
                 if link - self.links[j] >= 3 or (link, self.links[j]) in TOOL_AND_FOREARM
             ]
             if any(self._meet(body, thing) for thing in things):

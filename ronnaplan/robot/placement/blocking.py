@@ -79,10 +79,10 @@ class Blocked:
         if self.stage == SINGULAR:
             asked = np.degrees(singular)
             return f"{floor(self.margin)} degrees from a singular posture {where}; {asked:g} are asked for"
+        body = bodies[self.which] if self.which < len(bodies) else "the instrument"
         if self.stage == OVERLAP:
-            return f"{bodies[self.which]} would meet {bodies[self.other]} {where}"
+            return f"{body} would meet {bodies[self.other]} {where}"
         if self.stage == COLLISION:
-            body = bodies[self.which] if self.which < len(bodies) else "the instrument"
             other = bodies[self.other] if self.other >= 0 else ("the head", *things)[HEAD - self.other]
             near = f"comes within {floor(self.margin)} mm of" if self.margin >= 0 else "would meet"
             return f"{body} {near} {other} {where}; {clearance:g} mm are asked for"

@@ -83,8 +83,7 @@ def clearance(
 ) -> float:
     """Return the least distance (mm) that counts; below ``need`` the search ends and ``pair`` (2,) names the two.
 
-    Distances above ``enough`` are not told apart. The instrument is kept from everything but the head and the links
-    that carry it.
+    Distances above ``enough`` are not told apart. The instrument is kept from everything but the head.
     """
     count = len(machine.links)
     least = enough

@@ -92,7 +92,7 @@ class Job:
     def problem(self, fineness: Fineness, tasks: Sequence[Task] | None = None) -> Problem:
         """Return what bases are judged by, for all tasks or some."""
         ways = ways_of(self.tasks if tasks is None else tasks, self.arm, fineness)
-        return Problem(machine_of(self.arm, self.room), self.world, ways, self.room.floor)
+        return Problem(machine_of(self.arm, self.room, ways.instruments), self.world, ways, self.room.floor)
 
     def base_of(self, robot_from_ct: Pose) -> FloatArray:
         """Return room from R (4, 4) of a robot that was measured after parking.

@@ -21,14 +21,16 @@ from ronnaplan.robot.placement.world import box_rows, capsule_row
 CLEAR_LINKS = 3
 """Bodies of links with so many joints between them are kept clear of each other.
 
-Of nearer ones only the tool's are, and only from overlapping, as capsules of links that few joints part may overlap in
-every posture. Of the arm itself the maker's limits or its controller keep those apart, but neither knows the tool.
+Of nearer ones only what the flange carries is, and only from overlapping, as capsules of links that few joints part may
+overlap in every posture. Of the arm itself the maker's limits or its controller keep those apart, but neither knows the
+tool or its instruments.
 """
 SAMPLED = 512
 """In so many postures between the limits of the joints two bodies are apart in one, if ever: two joints part them."""
 PARTED_MM = 10.0
 """Two bodies that are nowhere so far apart are drawn so, and not kept apart."""
 
+NO_INSTRUMENTS = np.empty((0, 7))
 FREE, CLEAR, APART = range(3)
 """How two bodies are kept from each other: not at all, by the clearance that is asked for, or from overlapping."""
 
@@ -52,10 +54,11 @@ class Machine(NamedTuple):
     """Place and normal (2, 3) of the tool's marker, in the last link."""
 
 
-def machine_of(arm: SerialArm, room: Room) -> Machine:
-    """Return the robot with the room's tool.
+def machine_of(arm: SerialArm, room: Room, instruments: FloatArray = NO_INSTRUMENTS) -> Machine:
+    """Return the robot with the room's tool, for ``instruments`` (T, 7) in the last link's frame.
 
-    Raises `InputError` for an arm that has no closed form, no bodies, or does not reach the room's reference posture.
+    An instrument of no radius is none. A link that any of them is drawn into is kept from none of them. Raises
+    `InputError` for an arm that has no closed form, no bodies, or does not reach the room's reference posture.
     """
     wrist = wrist_of(arm)
     _require_posture(arm, room.reference_deg)
@@ -76,11 +79,13 @@ def machine_of(arm: SerialArm, room: Room) -> Machine:
         box_rows(room.floor.trolley),
         marker,
     )
-    tool = slice(tool_from, len(links)), slice(tool_from)
     low, high = wrist.limits.T
     postures = np.random.default_rng(0).uniform(low, high, (SAMPLED, len(low)))
-    parted = tool_distances(machine, postures).max(axis=0) >= PARTED_MM
-    machine.kept[tool][parted & (machine.kept[tool] == FREE)] = APART
+    of_tool = carried_distances(machine, bodies[tool_from:], postures).max(axis=0)
+    of_instruments = carried_distances(machine, instruments[instruments[:, 6] > 0.0], postures).max(axis=0)
+    parted = np.vstack([of_tool, of_instruments.min(axis=0, initial=np.inf)]) >= PARTED_MM
+    kept = machine.kept[tool_from:, :tool_from]
+    kept[parted & (kept == FREE)] = APART
     return machine
 
 
@@ -157,17 +162,16 @@ def place_bodies(machine: Machine, instrument: FloatArray, frames: FloatArray, b
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def tool_distances(machine: Machine, postures: FloatArray) -> FloatArray:
-    """Return the distances (P, T, A) of the tool's bodies from the arm's in ``postures`` (P, 6), rad."""
-    first, count = machine.tool_from, len(machine.links)
-    frames, bodies = np.zeros((len(machine.axes) + 1, 4, 4)), np.empty((count + 1, 7))
+def carried_distances(machine: Machine, carried: FloatArray, postures: FloatArray) -> FloatArray:
+    """Return the distances (P, C, A) of capsules (C, 7) on the last link from the arm's in ``postures`` (P, 6), rad."""
+    frames, bodies = np.zeros((len(machine.axes) + 1, 4, 4)), np.empty((len(machine.links) + 1, 7))
     for a in range(4):
         frames[0, a, a] = 1.0
-    apart = np.empty((len(postures), count - first, first))
+    apart = np.empty((len(postures), len(carried), machine.tool_from))
     for p in range(len(postures)):
         place_links(machine.origins, machine.axes, postures[p], frames)
-        place_bodies(machine, np.zeros(7), frames, bodies)
-        for k in range(first, count):
-            for j in range(first):
-                apart[p, k - first, j] = segment_segment(bodies[k], bodies[j]) - bodies[k, 6] - bodies[j, 6]
+        for k in range(len(carried)):
+            place_bodies(machine, carried[k], frames, bodies)
+            for j in range(machine.tool_from):
+                apart[p, k, j] = segment_segment(bodies[-1], bodies[j]) - bodies[-1, 6] - bodies[j, 6]
     return apart

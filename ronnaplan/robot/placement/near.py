@@ -13,7 +13,7 @@ from math import floor
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.placement.machine import APART, Machine, tool_distances
+from ronnaplan.robot.placement.machine import APART, Machine, carried_distances
 from ronnaplan.robot.placement.route import STEP_DEG
 
 Way = tuple[str, FloatArray]
@@ -48,5 +48,6 @@ def nearest_mm(machine: Machine, postures_deg: FloatArray) -> FloatArray:
         a + (b - a) * (np.arange(count) / max(count, 1))[:, np.newaxis]
         for (a, b), count in zip(itertools.pairwise(corners), counts, strict=True)
     ]
-    nearest: FloatArray = tool_distances(machine, np.concatenate([*parts, corners[-1:]])).min(axis=0)
+    tool, postures = machine.bodies[machine.tool_from :], np.concatenate([*parts, corners[-1:]])
+    nearest: FloatArray = carried_distances(machine, tool, postures).min(axis=0)
     return nearest

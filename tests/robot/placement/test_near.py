@@ -14,7 +14,9 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import transform_points
 from ronnaplan.robot.arm.forward import link_frames
 from ronnaplan.robot.arm.kuka import kr6_r900
+from ronnaplan.robot.placement.blocking import OVERLAP, Blocked
 from ronnaplan.robot.placement.clearances import posture_margins
+from ronnaplan.robot.placement.job import Job
 from ronnaplan.robot.placement.machine import FREE, Machine, machine_of
 from ronnaplan.robot.placement.near import nearest_mm, what_comes_near
 from ronnaplan.robot.placement.placement import COARSE, check_parked, find_places
@@ -98,33 +100,43 @@ def test_what_is_as_near_in_every_posture_is_how_the_tool_is_drawn_and_not_told(
     assert not any("wrist" in sentence for sentence in told(("there", BENT_DEG[None]), there=holder))
 
 
-def test_a_posture_in_which_the_tool_overlaps_the_wrist_is_a_collision_and_named() -> None:
-    given = job(0, 1, 0, floor=WIDE, tool=BESIDE.tool)
+def clearance_mm(given: Job, posture_deg: FloatArray, instrument: FloatArray) -> tuple[float, list[int]]:
+    """Least distance that counts in a posture far from all else, and the two that are nearest."""
     problem = given.problem(COARSE)
     frames, bodies = np.empty((7, 4, 4)), np.empty((len(problem.machine.links) + 1, 7))
     frames[0] = base_pose(np.array([-3000.0, 0.0, 900.0, 180.0]))
-    pair, trolley = np.zeros(2, dtype=np.int64), np.empty((0, 8))
+    pair, trolley, angles = np.zeros(2, dtype=np.int64), np.empty((0, 8)), np.radians(posture_deg)
+    near, _ = posture_margins(
+        problem.machine, problem.world, trolley, instrument, angles, frames, bodies, pair, np.inf, False
+    )
+    return near, pair.tolist()
 
-    def clearance_mm(posture_deg: FloatArray) -> float:
-        near, _ = posture_margins(
-            problem.machine,
-            problem.world,
-            trolley,
-            np.zeros(7),
-            np.radians(posture_deg),
-            frames,
-            bodies,
-            pair,
-            np.inf,
-            False,
-        )
-        return near
 
-    assert clearance_mm(REFERENCE_DEG) > given.room.margins.clearance_mm
-    overlap_mm = -sampled_mm(problem.machine, BENT_DEG)[0, NAMES.index("forearm")]
+def test_a_posture_in_which_the_tool_overlaps_the_wrist_is_a_collision_and_named() -> None:
+    given, none = job(0, 1, 0, floor=WIDE, tool=BESIDE.tool), np.zeros(7)
+    assert clearance_mm(given, REFERENCE_DEG, none)[0] > given.room.margins.clearance_mm
+    overlap_mm = -sampled_mm(machine_of(given.arm, given.room), BENT_DEG)[0, NAMES.index("forearm")]
     assert overlap_mm > 5.0
-    assert clearance_mm(BENT_DEG) == pytest.approx(-overlap_mm, abs=0.01)
+    near, pair = clearance_mm(given, BENT_DEG, none)
+    assert near == pytest.approx(-overlap_mm, abs=0.01)
     assert [NAMES[k] for k in pair] == ["cameras", "forearm"]
+
+
+def test_a_posture_in_which_an_instrument_overlaps_the_wrist_is_a_collision_though_the_tool_has_no_bodies() -> (
+    None
+):
+    sideways = Tool((0.0, 0.0, 20.0), direction=(1.0, 0.0, 0.0))
+    given = job(0, 1, 0, floor=WIDE, tool=sideways)
+    instrument = given.problem(COARSE).ways.instruments[0]
+    assert clearance_mm(given, REFERENCE_DEG, instrument)[0] > given.room.margins.clearance_mm
+    drawn = machine_of(given.arm, carrying(Capsule("drill", (0.0, 0.0, 20.0), (180.0, 0.0, 20.0), 1.2)))
+    overlap_mm = -sampled_mm(drawn, BENT_DEG)[0, NAMES.index("forearm")]
+    assert overlap_mm > 5.0
+    near, (body, other) = clearance_mm(given, BENT_DEG, instrument)
+    assert near == pytest.approx(-overlap_mm, abs=0.01)
+    assert (body, NAMES[other]) == (len(given.arm.bodies), "forearm")
+    told_so = Blocked(OVERLAP, near, body, other).sentence(given.problem(COARSE), (), NAMES[:-1], (), "from here")
+    assert told_so == "the instrument would meet forearm from here"
 
 
 @pytest.mark.parametrize("seed", [3, 5])
