@@ -10,6 +10,7 @@ from ronnaplan.robot.arm.compiled import ALL, near_postures, nearest_turn
 from ronnaplan.robot.arm.links import times
 from ronnaplan.robot.arm.refined import refined
 from ronnaplan.robot.arm.singular import singularity
+from ronnaplan.robot.arm.wrist import Wrist
 from ronnaplan.robot.placement.machine import Machine
 from ronnaplan.robot.placement.world import JOINT_NEED, SINGULAR_NEED
 
@@ -27,6 +28,13 @@ def joint_margin(limits: FloatArray, angles: FloatArray) -> float:
         low, high = limits[j, 0], limits[j, 1]
         least = min(least, min(angles[j] - low, high - angles[j]))
     return least
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def lessen(wrist: Wrist, angles: FloatArray, margins: FloatArray) -> None:
+    """Lessen ``margins`` (2,) of joints and of singular postures, in rad, to those of ``angles`` (6,)."""
+    margins[0] = min(margins[0], joint_margin(wrist.limits, angles))
+    margins[1] = min(margins[1], singularity(wrist, angles))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -52,17 +60,14 @@ def hoped(
     Along it they are worth no more. `NOTHING` stands for what is not above ``beyond``.
     """
     pose, alive, last = np.zeros((4, 4)), ALL, len(angles) - 1
-    hopes[:] = np.inf
+    margins = np.full((8, 2), np.inf)
     for p in range(0, last + 1, max(last, 1)):
         _seen_from_base(from_room, way[p], pose)
         alive &= near_postures(machine.wrist, pose, alive, angles[p])
         for n in range(8):
             if (alive >> n) & 1:
-                joint, singular = (
-                    joint_margin(machine.wrist.limits, angles[p, n]),
-                    singularity(machine.wrist, angles[p, n]),
-                )
-                hopes[n] = min(hopes[n], worth_of_joints(needs, joint, singular))
+                lessen(machine.wrist, angles[p, n], margins[n])
+                hopes[n] = worth_of_joints(needs, margins[n, 0], margins[n, 1])
                 if hopes[n] <= beyond:
                     alive &= ~(1 << n)
         if alive == 0:
@@ -104,8 +109,7 @@ def follow(
             if p > 0 and not _goes_on(angles[p - 1, n], angles[p, n]):
                 alive &= ~(1 << n)
                 continue
-            margins[n, 0] = min(margins[n, 0], joint_margin(machine.wrist.limits, angles[p, n]))
-            margins[n, 1] = min(margins[n, 1], singularity(machine.wrist, angles[p, n]))
+            lessen(machine.wrist, angles[p, n], margins[n])
             if worth_of_joints(needs, margins[n, 0], margins[n, 1]) <= beyond:
                 alive &= ~(1 << n)
     for n in range(8):
@@ -151,8 +155,7 @@ def settled_at(
         return False
     if p > 0 and not _goes_on(angles[p - 1, posture], angles[p, posture]):
         return False
-    margins[0] = min(margins[0], joint_margin(machine.wrist.limits, angles[p, posture]))
-    margins[1] = min(margins[1], singularity(machine.wrist, angles[p, posture]))
+    lessen(machine.wrist, angles[p, posture], margins)
     return True
 
 

@@ -102,27 +102,23 @@ def judge_task(
     count, begin, best = len(flanges), chosen[0], NOTHING
     angles, hopes = np.empty((ways.steps[task], 8, 6)), np.full((count, 8), NOTHING)
     hopes[begin, chosen[1]] = enough
-    for k in range(-1, count):
-        n = (begin + max(k, 0)) % count
-        if k >= 0:
-            hoped(machine, world.needs, standing.from_room, flanges[n], max(best, least), angles, hopes[n])
+    for k in range(-1, count + 1):  # what is named, each way after the other, and at last all of them
+        first, ways_asked = (begin + max(k, 0)) % count, 1
+        if k == count:
+            first, ways_asked = 0, count
+        elif k >= 0:
+            hoped(machine, world.needs, standing.from_room, flanges[first], max(best, least), angles, hopes[first])
         while True:
-            b, beyond = int(hopes[n].argmax()), max(best, least)
-            if hopes[n, b] < enough or hopes[n, b] <= beyond:
+            n, b = divmod(int(hopes[first : first + ways_asked].argmax()), 8)
+            n, beyond = n + first, max(best, least)
+            if hopes[n, b] <= beyond or (hopes[n, b] < enough and k < count):
                 break
             found = worth_of(machine, world, standing, flanges[n], instrument, b, beyond, angles, hopes[n])
             if found > best:
                 best, chosen[0], chosen[1] = found, n, b
             if best >= enough:
                 return best
-    while True:
-        n, b = divmod(int(hopes.argmax()), 8)
-        beyond = max(best, least)
-        if hopes[n, b] <= beyond:
-            return best
-        found = worth_of(machine, world, standing, flanges[n], instrument, b, beyond, angles, hopes[n])
-        if found > best:
-            best, chosen[0], chosen[1] = found, n, b
+    return best
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
