@@ -113,7 +113,9 @@ class Place:
 
             files, path = url_to_fs(disk_name(self.root))
         except Exception as error:  # each store's library has errors of its own
-            raise InputError(f"{printable(self.root)} cannot be opened ({printable(error)})") from error
+            raise InputError(
+                f"{printable(self.root)} cannot be opened ({printable(error)}); check its address"
+            ) from error
         return files, path.rstrip("/")
 
     @property
@@ -191,7 +193,9 @@ class Place:
         try:  # together, for each request waits; and not by `cat`, for which a name with brackets is a pattern
             content = files.cat_ranges(paths, None, None, on_error="return")
         except Exception as error:
-            raise InputError(f"{printable(self.root)} cannot be read ({printable(error)})") from error
+            raise InputError(
+                f"{printable(self.root)} cannot be read ({printable(error)}); see to its store"
+            ) from error
         found: list[Blob] = []
         for path, value in zip(paths, content, strict=True):
             if isinstance(value, bytes):
@@ -210,7 +214,9 @@ class Place:
             of_file = files.info(path) if files.isfile(path) else None
             is_there = of_file is not None or files.exists(path)
         except Exception as error:  # each store's library has errors of its own
-            raise InputError(f"{printable(self.root)} cannot be listed ({printable(error)})") from error
+            raise InputError(
+                f"{printable(self.root)} cannot be listed ({printable(error)}); see to its store"
+            ) from error
         if not is_there:
             raise self._nothing_there()
         if of_file is not None:
@@ -246,7 +252,7 @@ class Place:
             cause = error.__cause__
         is_missing = cause is None or isinstance(cause, FileNotFoundError | LookupError)
         if is_missing or getattr(cause, "status", None) in _NOT_FOUND:
-            return InputError(f"there is no file or folder {printable(self.root)}")
+            return InputError(f"there is no file or folder {printable(self.root)}; check its address")
         return InputError(f"{printable(self.root)} cannot be reached ({printable(cause)}); see to its server")
 
     def _archive_blobs(
@@ -258,7 +264,9 @@ class Place:
             try:
                 raw = self._remote[0].open(path, "rb")
             except Exception as error:
-                raise InputError(f"{printable(path)} cannot be opened ({printable(error)})") from error
+                raise InputError(
+                    f"{printable(path)} cannot be opened ({printable(error)}); see to its store"
+                ) from error
         return zip_members(Path(path), LIMITS, skipped, raw=raw, wanted=wanted)
 
 

@@ -193,7 +193,10 @@ def _opened(path: Path, limits: Limits, raw: io.RawIOBase | None) -> _Archive:
 def _check_limits(archive: _Archive, path: Path, limits: Limits) -> None:
     count = len(archive.infolist())
     if count > limits.files:
-        raise InputError(f"{printable(path)} declares {count} members; at most {limits.files} are read")
+        raise InputError(
+            f"{printable(path)} declares {count} members; at most {limits.files} are read: unpack it, and name the "
+            "folder of one scan"
+        )
     total = sum(info.file_size for info in archive.infolist())
     if total > limits.archive_bytes:
         raise InputError(

@@ -109,7 +109,8 @@ def decode_frame(frame: bytes, pixels: PixelFormat) -> Stored:
         return _decoded(frame, pixels)
     if declared[:3] != expected:
         raise InputError(
-            f"its compressed image has rows, columns and samples {declared[:3]}, its header {expected}"
+            f"its compressed image has rows, columns and samples {declared[:3]}, its header {expected}; "
+            "export it uncompressed"
         )
     if declared.bits > pixels.bits_allocated:
         raise InputError(

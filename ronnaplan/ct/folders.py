@@ -29,12 +29,12 @@ def blobs_below(path: Path, limits: Limits, skipped: list[Skipped], without: Pat
         status = path.stat()
         is_zip = stat.S_ISREG(status.st_mode) and is_archive(path)
     except FileNotFoundError as error:
-        hint = f"; {NOT_READ}" if str(path) == STANDARD_INPUT else ""
-        raise InputError(f"there is no file or folder {printable(path)}{hint}") from error
+        remedy = NOT_READ if str(path) == STANDARD_INPUT else "check the path"
+        raise InputError(f"there is no file or folder {printable(path)}; {remedy}") from error
     except OSError as error:
-        raise InputError(f"{printable(path)} cannot be opened ({error.strerror})") from error
+        raise InputError(f"{printable(path)} cannot be opened ({error.strerror}); check the path") from error
     except ValueError as error:
-        raise InputError(f"{printable(path)} cannot be opened ({printable(error)})") from error
+        raise InputError(f"{printable(path)} cannot be opened ({printable(error)}); check the path") from error
     if stat.S_ISDIR(status.st_mode):
         left_out = () if without is None else (without,)
         yield from _files_below(str(path), limits, skipped, {_identity(one.stat()) for one in (path, *left_out)})
@@ -43,7 +43,7 @@ def blobs_below(path: Path, limits: Limits, skipped: list[Skipped], without: Pat
     elif stat.S_ISREG(status.st_mode):
         yield DiskFile(str(path), status.st_size, status.st_mtime_ns)
     else:
-        raise InputError(f"{printable(path)} is neither a file nor a folder")
+        raise InputError(f"{printable(path)} is neither a file nor a folder; give the path of a scan")
 
 
 class _Folder(NamedTuple):

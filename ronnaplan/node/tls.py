@@ -43,7 +43,9 @@ def context(tls: Tls, home: Path, *, server: bool) -> Context:
         for name in ("certificate", "key", "authorities"):
             path = home / getattr(tls, name)
             if not path.is_file():
-                raise InputError(f"{name} of [tls] is {printable(path)}, and no such file is there")
+                raise InputError(
+                    f"{name} of [tls] is {printable(path)}, and no such file is there; correct the path"
+                )
         made.load_cert_chain(home / tls.certificate, home / tls.key, password=_no_pass_phrase)
         made.load_verify_locations(home / tls.authorities)
     except (OSError, ssl.SSLError) as error:

@@ -150,15 +150,16 @@ class Handing:
         """Take a file of readings into the case's folder."""
         try:
             name = self._new_name(request.query.get("name", ""))
+            beyond = UsageError(
+                f"{name} is larger than {MOST_READINGS_BYTES >> 20} MiB; that is no file of readings"
+            )
             if (request.content_length or 0) > MOST_READINGS_BYTES:
-                raise UsageError(
-                    f"{name} is larger than {MOST_READINGS_BYTES >> 20} MiB; that is no file of readings"
-                )
+                raise beyond
             content = bytearray()
             async for piece in request.content.iter_any():
                 content += piece
                 if len(content) > MOST_READINGS_BYTES:
-                    raise UsageError(f"{name} is larger than {MOST_READINGS_BYTES >> 20} MiB")
+                    raise beyond
             _require_readings(name, content)
             write_atomically(self._storage.plan.with_name(name), bytes(content))
         except RonnaplanError as error:

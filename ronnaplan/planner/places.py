@@ -72,7 +72,7 @@ class Places:
         try:
             place = (self.root / below).resolve()
         except (OSError, ValueError) as error:
-            raise UsageError("that is no place below the root") from error
+            raise UsageError("that is no place below the root; look through the folders shown") from error
         if not place.is_relative_to(self.root) or not os.path.exists(place):  # noqa: PTH110
             raise UsageError(f"{printable(below)} is no place below the root; look through the folders shown")
         return place
@@ -85,7 +85,7 @@ class Places:
         try:
             inside = sorted(one for one in folder.iterdir() if not one.name.startswith("."))
         except OSError as error:
-            raise UsageError(f"{printable(below)} cannot be opened ({error.strerror})") from error
+            raise UsageError(f"{printable(below)} cannot be opened ({error.strerror}); choose another") from error
         # os.path, unlike pathlib, takes what may not be looked into for what is not there
         folders = {one for one in inside if os.path.isdir(one)}  # noqa: PTH112
         shown = [one for one in inside if one in folders or one.suffix.lower() == ".zip" or is_image_file(one)]

@@ -51,7 +51,7 @@ def test_a_root_below_another_is_refused_for_its_series_would_count_twice(tmp_pa
     ("roots", "reason"),
     [
         (["in", "misspelt"], "there is no file or folder"),
-        (["nonsense://x"], "cannot be opened"),
+        (["nonsense://x"], "check its address"),
         (["in/notes.txt"], r"in/notes\.txt is neither a DICOM image nor a zip archive; name a folder"),
         (["file://{here}/in/notes.txt"], r"notes\.txt is neither a DICOM image nor a zip archive; name a folder"),
         (["in", "in/a"], "in/a lies below"),

@@ -91,7 +91,10 @@ def test_only_what_bcp_195_allows_is_agreed_on(
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ({"certificate": "none.pem"}, r"certificate of \[tls\] is .*none\.pem, and no such file is there"),
+        (
+            {"certificate": "none.pem"},
+            r"certificate of \[tls\] is .*none\.pem, and no such file is there; correct",
+        ),
         ({"authorities": "."}, r"authorities of \[tls\] is .*, and no such file is there"),
         ({"key": "a" * 300}, "the certificates of .* cannot be used .*name too long"),
         ({"key": "locked.key"}, r"the key of \[tls\] is locked by a pass phrase"),

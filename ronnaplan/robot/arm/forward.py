@@ -18,7 +18,10 @@ def as_angles(arm: SerialArm, angles_rad: ArrayLike) -> FloatArray:
     """Return ``angles_rad`` (..., N) as an array; raises `InputError` for another length or what is not finite."""
     angles = np.asarray(angles_rad, dtype=np.float64)
     if angles.ndim == 0 or angles.shape[-1] != len(arm) or not np.isfinite(angles).all():
-        raise InputError(f"joint angles of shape {angles.shape} were given; {arm.name} has {len(arm)} joints")
+        raise InputError(
+            f"joint angles of shape {angles.shape} were given; expected finite ones in rad, (..., {len(arm)}) for the "
+            f"joints of {arm.name}"
+        )
     return angles
 
 

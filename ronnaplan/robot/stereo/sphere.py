@@ -103,7 +103,10 @@ def locate_sphere(
         why = why or _advice(lefts, rights, bool(meeting[0]))
         raise InputError(f"no sphere of {diameter_mm:g} mm is seen by both cameras ({counts}){why}")
     if len(found) > 1:
-        raise RefusedError(f"{len(found)} spheres of {diameter_mm:g} mm are seen by both cameras; expected one")
+        raise RefusedError(
+            f"{len(found)} spheres of {diameter_mm:g} mm are seen by both cameras; expected one, so take the others "
+            "out of sight"
+        )
     require_linear((left, right), (rig.left, rig.right), (found[0].left, found[0].right))
     _require_known(found[0], rig, diameter_mm, largest_mm)
     return found[0]
