@@ -20,6 +20,7 @@ cm)."""
 CONVERGED_STEP = 1e-10
 """A fit has settled when no update (rad about the centroid; mm) is larger; far below any marker's error."""
 MAXIMUM_ITERATIONS = 100
+"""A fit that takes more updates has not settled: its pairs contradict each other."""
 LARGEST_SPURIOUS_SHARE = 0.9
 """At most so much of the information about a rotation is taken for the points' own noise; second order ends there."""
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 HELP = "Compile now, once after installation, what would else be compiled at first use."
 DIAMETER_MM = 11.5
 MARKERS_MM = ((20.0, 20.0, 16.0), (70.0, 25.0, 28.0), (30.0, 72.0, 40.0), (62.0, 60.0, 60.0))
-"""Markers of a scan that is made for this; they lie apart as no other four do."""
+"""Diameter and places of the markers of a scan that is made for this; they lie apart as no other four do."""
 NEARLY_A_SQUARE_MM = ((0.0, 0.0, 0.0), (60.0, 0.0, 0.0), (60.0, 61.0, 0.0), (0.0, 60.0, 5.0))
 """Markers of which one order fits nearly as well as another: only of such is it computed how often they are refused."""
 

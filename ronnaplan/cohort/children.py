@@ -23,6 +23,7 @@ READY_S: Final = 300.0
 IDLE_S: Final = 60.0
 """A child that gets no work for so long ends: whoever sent it may have gone without a word."""
 POLL_S: Final = 0.2
+"""While a child says nothing, so often it is looked whether it has ended."""
 ONE_THREAD: Final = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
 )

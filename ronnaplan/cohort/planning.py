@@ -11,6 +11,7 @@ from ronnaplan.cohort.rules import Limits, Rules, Task
 from ronnaplan.jobs.rules import first_fitting
 
 CHUNK: Final = 1000
+"""Series that are taken out of the index together."""
 TO_DO_AGAIN: Final = ""
 """Settings of a series that the next run does again, whatever its own are."""
 TROUBLED: Final = "beside files that cannot be read"

@@ -41,6 +41,7 @@ DOUBTED_SCALE = 1.15
 other was missed else, for its residuals are taken for smaller than they are where some of its pairs are lost."""
 
 SCALE_ROUNDS = 4
+"""So often the size of the errors is told anew, by what pairs within the reach that it gives."""
 
 CHI2_MEDIAN = 2.366
 """Of three degrees of freedom."""

@@ -28,6 +28,7 @@ FAR_MM = 1e9
 """Where the point stands that is no point."""
 
 LEAST_CELL_SIGMAS = 2.5
+"""No cell for `nearest` is smaller than so many standard deviations."""
 CELLS_PER_AXIS, MOST_CELLS_PER_AXIS = 12.0, 96
 """Cells along the longest axis at most: so many times the cube root of the number of points, and never more."""
 

@@ -36,7 +36,9 @@ from ronnaplan.errors import InputError
 from ronnaplan.text import printable
 
 LONGEST_NAME: Final = 16
+"""Characters of a patient's pseudonym: as many as DICOM's short strings (SH) hold."""
 LEAST_SECRET_BYTES: Final = 32
+"""A shorter secret could be guessed, and with it who is behind a pseudonym."""
 WHOLE: Final = "whole"
 """The folder in the target that holds all files until they are moved up."""
 

@@ -34,6 +34,7 @@ CSV_HEADER = (
 LOCKED = 1e-7
 """Tool x axes nearer than this to the vertical leave A and C of a KUKA one free angle."""
 LONGEST_KRL_NAME = 24
+"""Characters of a name in KRL at most."""
 KRL_LIST = "ronnaplan_points"
 KRL_WORDS: Final = re.compile(
     "AND|ANIN|ANOUT|AXIS|BOOL|BRAKE|B_AND|B_EXOR|B_NOT|B_OR|CASE|CCLOSE|CHANNEL|CHAR|CIRC|"

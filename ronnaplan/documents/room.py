@@ -30,6 +30,7 @@ LARGEST_STANDOFF_MM = 1000.0
 SHORTEST_DIRECTION = 1e-6
 """A direction may have any length, but none so small that it was meant to be zero."""
 LARGEST_TURN_DEG = 360
+"""Angles lie within a full turn, either way."""
 SMALLEST_THING_MM = 10.0
 """Nothing worth keeping clear of is smaller; a table of 1.7 mm was stated in metres."""
 LEAST_RADIUS_MM = 0.25

@@ -32,6 +32,7 @@ NO_SUCH_INSTANCE, OTHER_CLASS = 0x0112, 0x0119
 """Why an instance is not committed to (PS3.3, C.14.1.1)."""
 
 MOST_NAMED: Final = 100_000
+"""Instances in one request at most."""
 
 Named = tuple[str, str]
 """SOP class and instance."""

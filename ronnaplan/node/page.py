@@ -31,7 +31,9 @@ COOKIE: Final = "ronnaplan_node"
 TOKEN_FILE: Final = "page.token"
 POLICY: Final = "default-src 'none'; style-src 'unsafe-inline'; form-action 'self'; frame-ancestors 'none'"
 LONGEST_BODY: Final = 1000
+"""Bytes that are read of what a page sends."""
 SILENT_S: Final = 10.0
+"""Who says nothing for so long is waited for no longer."""
 
 
 class Page:

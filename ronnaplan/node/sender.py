@@ -30,8 +30,10 @@ from ronnaplan.node.services import Services
 from ronnaplan.text import printable
 
 MOST_AT_ONCE: Final = 32
+"""Answers that go on one association."""
 IDLE_S: Final = 0.2
 RESTART_S: Final = 1.0
+"""So often it is looked whether something is to be sent; after a failure of its own a sender waits for longer."""
 
 
 @dataclass(frozen=True)

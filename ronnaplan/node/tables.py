@@ -16,7 +16,9 @@ from ronnaplan.text import NOTICE, counted
 
 METRICS: Final = "text/plain; version=0.0.4"
 MOST_SHOWN: Final = 200
+"""Rows of a table, the latest."""
 AGAIN_S: Final = 5
+"""After so long the page loads itself again."""
 STILL: Final = "still"
 """In the page's address: it does not load itself again, by which focus and selection would be lost."""
 STYLE: Final = """

@@ -22,6 +22,7 @@ AGAIN: Final = 4
 """So often an archive that is busy is asked again: at once, and after 2, 4 and 8 s more."""
 BUSY: Final = (408, 429, 503, 504)
 CONFLICT: Final = 409
+"""Status of an archive that stored none of what it was sent."""
 MORE: Final = "299"
 """Code of the warning that a list has more than was told (PS3.18, 8.3.4.4)."""
 

@@ -30,6 +30,7 @@ DEEPEST_ENTRY_MM = 12.0
 above it is not judged: it was clicked or typed in the brain. An entry is clicked onto the scalp from as far."""
 
 PROFILE_STEP_MM = 0.5
+"""The profile along a path is sampled at least so densely."""
 
 
 @dataclass(frozen=True, eq=False)

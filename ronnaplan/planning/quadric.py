@@ -22,6 +22,7 @@ PRIOR = np.array([100.0] * 4 + [5.0] * 6 + [0.25] * 2)
 
 MOST_STEPS = 100
 FIRST_DAMPING = 1e-3
+"""Of a fit: its steps at most, and the damping of the first one."""
 
 LEAST_NATS = 1e-3
 """A fit ends when the next step promises less, in the log of the chance."""

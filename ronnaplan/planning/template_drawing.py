@@ -24,6 +24,7 @@ LEAST_TEXT_APART_MM = 4.0
 LINE: dict[str, Any] = {"color": "black", "linewidth": 0.8}
 THIN: dict[str, Any] = {"color": "0.45", "linewidth": 0.4}
 SMALL = 7.0
+"""Size of the lettering, in points."""
 
 
 def template_drawing(found: TemplateLayout, title: str) -> Figure:

@@ -17,6 +17,7 @@ FLATTEST_MM = 2000.0
 CURVATURES = 201
 """From the flattest to the most bent plate: as many are looked at."""
 LEAST_SITES = 30
+"""Places of the scalp beneath a template that tell its shape there."""
 NEAR_SITE_MM = 20.0
 """A template's place is a place on the scalp within so much."""
 BACK = np.array([0.0, 1.0, 0.0])

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from ronnaplan.correspondence import Layout
 
 MOST_MARKERS = 6
+"""Of a template."""
 GREATEST_REFUSAL = 0.001
 """A template whose markers would be refused more often is not made."""
 STARTS, ROUNDS, TRIALS = 8, 12, 12

@@ -16,8 +16,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 BAR_WIDTH_MM = 10.0
+"""Of what joins two pads."""
 LETTER_MM = 5.0
 LETTER_FROM_HOLE_MM = 5.2
+"""Height of a label, and the least distance of its middle from that of its hole."""
 CORNERS = 64
 """Of a pad."""
 GAP_MM = 6.0

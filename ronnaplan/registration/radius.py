@@ -9,6 +9,7 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, as_numbers, require_covariances
 
 CHANCE = 0.95
+"""That an error stays within the radius."""
 LEAST_SIGMAS, MOST_SIGMAS = 1.95, 2.80
 """The radius in the largest standard deviation: 1.960 of an error along one axis only, 2.795 of one alike along all."""
 

@@ -34,8 +34,9 @@ SLOW_SHARES = (0.3, 3.0)
 USED_LEVERAGE = 0.99
 """The estimate uses the lowest frequencies that make up so much of its leverage ..."""
 BAND = 3
-"""... and the noise is judged over so many times as many."""
+"""... and the noise is judged over so many times as many ..."""
 FEWEST_FREQUENCIES = 8
+"""... and so many more."""
 FEWEST_FOR_SHAPE = 4
 """Unlike components are only considered with so many frequencies for each of them."""
 

@@ -32,7 +32,9 @@ LONGEST_TOOL_MM = 800.0
 SOFTENING_MM = 0.01
 """Rounds the length's kink at zero, well below any tracker's noise."""
 MAXIMUM_ITERATIONS = 300
+"""Rounds at most, in which poses are left out, and in which lengths are weighed anew."""
 CONVERGED_MM = 1e-7
+"""Tip and pivot are found where a round moves neither by more."""
 CONSTANTS = 6
 """The unknowns are tip and pivot, ..."""
 IN_TRACKER, IN_TOOL = slice(6, 12), slice(12, 15)

@@ -24,8 +24,10 @@ ROOM_COLOUR: Final = "#78909c"
 REACH_COLOUR: Final = "#4fc3f7"
 OTHER_COLOUR: Final = "#ffcc80"
 TRACKER_MM: Final = 60.0
+"""Radius of the ball that stands for the tracker, or for a base that is an alternative."""
 REACH_SIDES: Final = 72
 LINE_MM: Final = 6.0
+"""The circle that the arm reaches to is drawn with so many sides, as a tube of this radius."""
 SHAPE: Final = (600, 1000)
 """Rows and columns of the picture."""
 FROM: Final = np.array([-0.55, -0.65, 0.52])

@@ -23,6 +23,7 @@ from ronnaplan.robot.tool_frame import locate_tool
 from ronnaplan.studies.blocks import Record, run_blocks, write_whole
 
 SCANS = 6
+"""Simulated scans, each with its own sessions."""
 CT_SPACING_MM, CT_MATRIX, CT_NOISE_HU = 1.25, 320, 25.0
 """A quick, noisy scan: what CT contributes should be seen."""
 TRACKER_SD_MM = np.array([0.10, 0.10, 0.22])

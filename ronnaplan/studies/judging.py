@@ -12,6 +12,7 @@ from ronnaplan.studies.blocks import Record
 from ronnaplan.studies.scenes import Scenes
 
 STRICT_PROBABILITY = 0.9999
+"""The second level of acceptance that is judged: `match_points` names it for a guarantee on each answer."""
 SPREAD_MM = 60.0
 PROBABILITY_EDGES = (0.0, 0.5, 0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.999, 0.9999, 0.99999, 1.0)
 """Bins of stated probability for the calibration table."""

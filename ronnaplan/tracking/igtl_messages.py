@@ -47,7 +47,9 @@ MOST_READINGS = 1_000_000
 MOST_NAMES = 1000
 """No tracker has more devices or tools, and no stream more kinds of faults: each is remembered."""
 MOST_NOTES = 20
+"""Faults that are told one by one, the commonest; of the others only how many there were."""
 MOST_KINDS = 5
+"""Kinds of messages that are named among those that were passed over."""
 
 
 class Stream:

@@ -22,6 +22,7 @@ EDGE_REACH = 5.0
 
 EDGE_STEPS = 200
 CURVATURE_STEPS = 128
+"""Steps of the table over the distance from the edge, and over its curvature."""
 COLUMNS = 8
 """Seven of the disc's figures, and one to fill up a line of the processor's cache."""
 

@@ -46,6 +46,7 @@ AROUND = 48
 """Metal beside a ball is looked for in so many directions within its slices."""
 
 PRIOR: Final = CROSSED_PULL_MM**2 * np.eye(3)
+"""Covariance (3, 3) of a pull before anything is measured, mm^2."""
 
 
 def without_the_screw(volume: CTVolume, fit: BallFit) -> BallFit:

@@ -86,7 +86,9 @@ DOUBTED, ROUNDS = 2.5, 20
 """A marker that is so many standard deviations unlike the others counts half; so often are all weighed anew."""
 
 FITTED: Final = 5
+"""Unknowns of the fit of blurs: what stretches all alike (2), the turn, and its products with the axis' place (2)."""
 LEAST_SCATTER_MM2: Final = 1e-4
+"""Blurs scatter about that fit by no less."""
 
 
 def moved(scan: Scan, markers: Sequence[Examined]) -> list[bool]:

@@ -19,6 +19,7 @@ from ronnaplan.robot.arm.quality import joint_margins_deg
 STARTS, STEPS = 128, 60
 """So many postures, drawn between the limits, are led to the pose in so many steps."""
 LEAST_DAMPING = 1e-12
+"""Keeps the equations of a step solvable in a singular posture that is as good as there."""
 REACHED = 1e-9
 """A miss (rad, and mm per `LENGTH_MM`) below this is an answer."""
 APART_RAD = 1e-3

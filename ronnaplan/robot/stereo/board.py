@@ -17,6 +17,7 @@ from ronnaplan.pose import exponential
 from ronnaplan.robot.stereo.circles import Image
 
 FEWEST_BOARDS = 6
+"""Image pairs that show the whole board."""
 FEWEST_CORNERS, MOST_CORNERS = 3, 100
 """Inner corners that a board may have along either side."""
 BENT_ORDER = 4

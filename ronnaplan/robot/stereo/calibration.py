@@ -22,6 +22,7 @@ from ronnaplan.robot.stereo.sphere import StereoSphere
 from ronnaplan.sigmas import LARGEST_STATED_MM, SIGMA_SQUARE
 
 FEWEST_SPHERES = 6
+"""Poses of the robot at which the resting sphere is seen."""
 SMALLEST_TILT_DEG = 8.0
 """RMS tilt of the boards against each other that they need; parallel ones leave focal length and distance open."""
 LARGEST_RMS_PX = 1.0

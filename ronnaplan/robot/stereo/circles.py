@@ -20,6 +20,7 @@ SMALLEST_RADIUS_PX = 8.0
 LARGEST_RADIUS = 0.3
 """As a share of the image's shorter side."""
 SMOOTHING_PX = 1.5
+"""Standard deviation of the blur under which edges are sought."""
 EDGE_SDS = 8.0
 """An edge's gradient is so many standard deviations of the image's noise; half of that where it goes on from one."""
 LEAST_NOISE = 1e-3
@@ -31,7 +32,9 @@ MOST_EDGES = 4000
 CELL_PX = 4
 """Votes are counted in cells of this size, and radii in such steps."""
 MOST_CENTERS = 40
+"""Places that are looked at closely, those with most votes."""
 ANGLES = 48
+"""Directions about a center in which its edges are counted."""
 LARGEST_ASKEW = 0.2
 """An edge supports a center when its gradient points past it by less than this share of the radius: ellipses do too."""
 NEAR = 0.08

@@ -17,6 +17,7 @@ from ronnaplan.registration.registration import Registration
 FEWEST_FOR_SHIFT = 2
 """On either side of a movement; of one marker alone that stands otherwise none is told, as it may be loose."""
 FEWEST_FOR_TURN = 3
+"""On either side of a movement of which the rotation is told, too: two markers leave one about their line open."""
 FEWEST_FOR_MAJORITY = 5
 """Of so many markers the others outvote two that stand otherwise; two against two leave nobody to believe."""
 LARGEST = np.array([0.1, 0.1, 0.1, 10.0, 10.0, 10.0])

@@ -13,9 +13,11 @@ from ronnaplan.text import whole_number
 from ronnaplan.untrusted import read_whole
 
 LARGEST_BYTES = 1 << 28
+"""Of an image's file."""
 ENDINGS = (".png", ".tif", ".tiff", ".bmp", ".pgm")
 """Formats without loss: the blocks of the others shift edges."""
 MOST_PAIRS = 1000
+"""Images in the folder of one camera."""
 
 ImagePair = tuple[Image, Image]
 

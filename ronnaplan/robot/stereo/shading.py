@@ -50,6 +50,7 @@ from ronnaplan.robot.stereo.shading_steps import (
 )
 
 TABLE_STEP_PX = 0.1
+"""Step of the table of what a sphere's profile is at each distance from its edge."""
 REBUILT_PX, FIRST_REBUILT_PX = 0.004, 0.04
 """The table is made anew where radius or blur change by more; in the first steps by more than the second."""
 BEYOND_PX = 2.0

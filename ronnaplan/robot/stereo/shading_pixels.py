@@ -14,6 +14,7 @@ from ronnaplan.robot.stereo.shading_compiled import Integers, gather
 
 ARC_PX = 8.0
 FEWEST_SECTORS, MOST_SECTORS = 36, 72
+"""The outline is cut into sectors about so long, but no fewer and no more than these."""
 OUTWARD_PX, EDGE_PX = 14.0, 6.0
 """How far outside the expected edge pixels are taken, and how far beside it one by one. The blur takes four of them
 outside; the others tell the ground, each sector's own, on whose level the edge's place depends."""

@@ -16,6 +16,7 @@ FIRST_EVERY = 3
 FIRST_BLUR_PX, BLUR_SD_PX, BLUR_PX = 1.3, 0.5, (0.5, 4.0)
 """Standard deviation of the blur that is expected, how far it may be from that, and its bounds."""
 LARGEST_STEP_PX = 1.5
+"""One step changes nothing of the outline, but for its blur, by more."""
 EARLY = 4
 """In the first steps the light is held simple, and spoilt sectors are told by large misfits only."""
 SETTLED_SDS, SETTLED_PX = 0.05, 0.002
@@ -23,6 +24,7 @@ SETTLED_SDS, SETTLED_PX = 0.05, 0.002
 LARGEST_MISFITS = (2.5, 1.5)
 """Sectors that the model fits worse than the typical one by this factor are left out, first and later."""
 OUTLIER_SDS = 4.0
+"""Later, sectors whose edge is shifted by more standard deviations are left out, too."""
 FLOOR_PX = 0.01
 """What the model errs in a sector at best."""
 CURVED_SD, ASIDE_SD, FALLING_SD, TILT_SD, WAVE_SD = 0.2, 0.3, 0.2, 0.5, 0.3
