@@ -59,7 +59,7 @@ def measure(shape: str, radius: float, spacing: FloatArray, generator: np.random
     reach = COUNT / 6 * spacing.min() * way  # no further: the grid cuts the vessel
     path = Trajectory("A", middle - reach, middle + reach, volume.frame, NEEDLE)
     start = time.process_time()
-    found = label.clearance(path, head)
+    found = label.clearance(path)
     spent = time.process_time() - start
     assert found is not None
     ends = label.axes @ path.entry_mm, label.axes @ path.target_mm

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.planning.head import Head
 from ronnaplan.planning.obstacles import Clearance, Kind, Obstacle, PostedMarker
 from ronnaplan.planning.surface import Surface
 from ronnaplan.planning.trajectory import Instrument, Trajectory
@@ -49,7 +48,7 @@ def contact_paths(trajectory: Trajectory) -> list[Trajectory]:
 
 
 def measure_contacts(
-    trajectory: Trajectory, head: Head, obstacles: Sequence[Obstacle], inner: Surface | None, *, rough: bool
+    trajectory: Trajectory, obstacles: Sequence[Obstacle], inner: Surface | None, *, rough: bool
 ) -> tuple[ContactMeasures, ...]:
     """Measure the contacts as the path itself is measured; ``rough``: where they lie only.
 
@@ -69,7 +68,7 @@ def measure_contacts(
                 None if inner is None else bool(upper <= inner.reach_mm),
                 tuple(
                     clearance
-                    for clearance in (obstacle.clearance(one, head) for obstacle in near)
+                    for clearance in (obstacle.clearance(one) for obstacle in near)
                     if clearance is not None
                 ),
             )

@@ -148,7 +148,7 @@ def measure(
     crossings = check_ends(trajectory, head)
     start = trajectory.entry_mm
     depth = np.linspace(0.0, trajectory.length_mm, int(np.ceil(trajectory.length_mm / PROFILE_STEP_MM)) + 1)
-    clearances = [obstacle.clearance(trajectory, head, rough=rough) for obstacle in obstacles]
+    clearances = [obstacle.clearance(trajectory, rough=rough) for obstacle in obstacles]
     return Measures(
         trajectory,
         crossings,
@@ -160,7 +160,7 @@ def measure(
         acpc_angles(landmarks, start, trajectory.target_mm) if landmarks else None,
         path_error(trajectory, expected.counted, tolerance_mm) if expected.counted else None,
         path_error(trajectory, expected.beside, tolerance_mm) if expected.beside else None,
-        measure_contacts(trajectory, head, obstacles, crossings.inner, rough=rough),
+        measure_contacts(trajectory, obstacles, crossings.inner, rough=rough),
         side_doubt(trajectory, head, landmarks),
     )
 

@@ -110,7 +110,7 @@ class Voxels:
         held: NDArray[np.bool_] = within & _among((k * self.shape[1] + j) * self.shape[2] + i, self.held)
         return held
 
-    def clearance(self, trajectory: Trajectory, head: Head, *, rough: bool = False) -> Clearance | None:
+    def clearance(self, trajectory: Trajectory, *, rough: bool = False) -> Clearance | None:
         """Return the least distance of the path to the obstacle; None when the obstacle is empty.
 
         ``rough``: of a label too only to its voxels, which is quicker.
@@ -189,7 +189,7 @@ class PostedMarker:
     foot_mm: FloatArray
     diameter_mm: float
 
-    def clearance(self, trajectory: Trajectory, head: Head, *, rough: bool = False) -> Clearance:
+    def clearance(self, trajectory: Trajectory, *, rough: bool = False) -> Clearance:
         """Return the least distance of the whole instrument, outside the head too, to the sphere and its post."""
         tail = (
             trajectory.target_mm - max(trajectory.instrument.length_mm, trajectory.length_mm) * trajectory.inward

@@ -269,9 +269,7 @@ def test_track_tells_that_the_patient_has_moved(
     assert "lastly moved by 3.0" in told
 
 
-def test_a_head_that_rests_before_a_coarse_tracker_is_not_said_to_move(
-    markers: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_head_that_rests_before_a_coarse_tracker_is_not_said_to_move(markers: Path, tmp_path: Path) -> None:
     registration, sigma_mm = tmp_path / "registration.json", 1.0
     generator = np.random.default_rng(112701)
     rested = scene.HEAD / 3 @ scene.TURN.T + scene.SHIFT

@@ -123,8 +123,8 @@ def test_at_least_so_many_is_enough_to_know_that_it_is_this_patient() -> None:
 
 
 @settings(max_examples=40)
-@given(seed=st.integers(0, 10**6), shift=st.floats(-2000, 2000), swap=st.booleans())
-def test_the_answer_follows_rotation_translation_and_permutation(seed: int, shift: Any, swap: Any) -> None:
+@given(seed=st.integers(0, 10**6), shift=st.floats(-2000, 2000))
+def test_the_answer_follows_rotation_translation_and_permutation(seed: int, shift: float) -> None:
     ct, ots, _partner = scene(seed, markers=6, outliers=2)
     rng = np.random.default_rng(seed)
     before = match_points(ct, ots, expected=6)

@@ -134,7 +134,7 @@ def test_a_peer_that_breaks_the_protocol_in_an_odd_way_leaves_nothing_open_and_w
         until(lambda: association.is_aborted)
 
 
-def test_an_archive_that_breaks_the_protocol_in_an_odd_way_is_told(tmp_path: Path) -> None:
+def test_an_archive_that_breaks_the_protocol_in_an_odd_way_is_told() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
 
         def answer() -> None:

@@ -77,7 +77,7 @@ def test_an_archive_that_sends_is_told_what_is_kept(orthanc: Orthanc, tmp_path: 
         assert node.rows("SELECT instances, expected FROM series") == [(2, 2)]  # complete, as it said so
 
 
-def test_what_a_receiver_does_not_keep_is_delivered_again(index: Index, tmp_path: Path) -> None:
+def test_what_a_receiver_does_not_keep_is_delivered_again(index: Index) -> None:
     add(index, 1, 0.0)
     index.run("INSERT INTO jobs (series, revision, rule, state, due, completed) VALUES (1, 1, 'r', 'done', 0, 0)")
     named = [("1.2", "1.7"), ("1.2", "1.8"), ("1.2", "1.9")]

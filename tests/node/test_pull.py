@@ -94,7 +94,7 @@ def test_a_study_comes_from_dcmtk_s_archive_straight_into_localize(way: str, tmp
         archive.wait(60)
 
 
-def test_a_port_that_is_taken_is_told(tmp_path: Path) -> None:
+def test_a_port_that_is_taken_is_told() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()

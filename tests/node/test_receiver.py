@@ -76,7 +76,7 @@ def test_the_command_of_the_docs_sends_the_synthetic_scan(node: Listening) -> No
     )
 
 
-def test_every_class_that_a_study_of_a_head_may_hold_is_kept(node: Listening, tmp_path: Path) -> None:
+def test_every_class_that_a_study_of_a_head_may_hold_is_kept(node: Listening) -> None:
     """Of a study whose dose report was refused senders gave up the scan, too."""
     entity, classes = AE("CT1"), (*CLASSES, *COMPANIONS, *RARER_COMPANIONS)
     for sop_class in classes:

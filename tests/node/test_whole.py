@@ -116,7 +116,7 @@ def serving(web: Web) -> Iterator[Peer]:
         server.server_close()
 
 
-def test_a_list_in_pages_is_read_to_its_end(scan: list[Dataset], tmp_path: Path) -> None:
+def test_a_list_in_pages_is_read_to_its_end(scan: list[Dataset]) -> None:
     keys = {"StudyInstanceUID": makers.STUDY, "SeriesInstanceUID": makers.SERIES, "SOPInstanceUID": ""}
     for page, knows_offset in ((3, True), (100, False)):
         with serving(Web(scan, scan, page, knows_offset)) as peer, open_archive(Config(), peer) as archive:

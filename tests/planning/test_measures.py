@@ -89,12 +89,12 @@ def test_distance_to_a_no_go_box_of_voxels_on_any_stack(stack: str) -> None:
     face = grid.positions_mm(np.array([k, j, i + 4.0])) + 0.5 * grid.column_step_mm
     beside = face + 6.25 * u
     trajectory = Trajectory("A", beside - 30 * v, beside + 20 * v, CT, ELECTRODE)
-    clearance = vessel.clearance(trajectory, head)
+    clearance = vessel.clearance(trajectory)
     assert clearance is not None
     assert clearance.distance_mm == pytest.approx(6.25, abs=1e-6)
     assert clearance.clearance_mm == pytest.approx(6.25 - 0.4, abs=1e-6)
     crossing = Trajectory("B", face - 3 * u - 30 * v, face - 3 * u + 20 * v, CT, ELECTRODE)
-    through = vessel.clearance(crossing, head)
+    through = vessel.clearance(crossing)
     assert through is not None
     assert through.crosses
 
@@ -109,7 +109,7 @@ def test_distance_to_a_round_vessel_in_the_head_equals_its_closed_form() -> None
     vessel = Voxels.of(Kind.NO_GO, "vessel", mask, head)
     across = np.cross(axis, [0, 0, 1.0]) / np.hypot(0.36, 0.8)
     for x in (-5.0, 0.3, 8.7):
-        clearance = vessel.clearance(Trajectory("A", np.array([x, 0, 80]), np.array([x, 0, 5]), CT), head)
+        clearance = vessel.clearance(Trajectory("A", np.array([x, 0, 80]), np.array([x, 0, 5]), CT))
         assert clearance is not None
         true = abs(np.array([x - 20.0, 0, 0]) @ across) - 4.0
         assert clearance.smooth
@@ -122,7 +122,7 @@ def test_a_path_wholly_inside_a_no_go_region_meets_it() -> None:
     mask = np.zeros(head.volume.voxels_hu.shape, dtype=np.bool_)
     mask[20:-5, 20:-20, 20:-20] = True
     clearance = Voxels.of(Kind.NO_GO, "all", mask, head).clearance(
-        Trajectory("A", np.array([0.0, 0, 60]), np.array([0.0, 0, 20]), CT), head
+        Trajectory("A", np.array([0.0, 0, 60]), np.array([0.0, 0, 20]), CT)
     )
     assert clearance is not None
     assert clearance.crosses
@@ -139,14 +139,13 @@ def test_metal_is_seen() -> None:
 
 def test_distance_to_a_marker_counts_the_whole_instrument() -> None:
     """The sphere is met 40 mm outside the head, where the instrument still is."""
-    head = scanned("plain")
     target, outward = np.zeros(3), np.array([0.0, -1.0, 0.0])
     trajectory = path(target, outward)
     far = target + 130.0 * outward + np.array([12.0, 0.0, 0.0])
     marker = PostedMarker("F1", far, far + np.array([3.0, 0.0, 0.0]), 11.5)
-    assert marker.clearance(trajectory, head).distance_mm == pytest.approx(12.0 - 5.75, abs=1e-9)
+    assert marker.clearance(trajectory).distance_mm == pytest.approx(12.0 - 5.75, abs=1e-9)
     post = PostedMarker("F2", np.array([60.0, -100.0, 0.0]), np.array([8.0, -84.0, 0.0]), 11.5)
-    assert post.clearance(trajectory, head).distance_mm == pytest.approx(8.0 - POST_RADIUS_MM, abs=1e-9)
+    assert post.clearance(trajectory).distance_mm == pytest.approx(8.0 - POST_RADIUS_MM, abs=1e-9)
 
 
 def test_a_marker_s_post_reaches_to_the_head_below_it() -> None:

@@ -42,7 +42,7 @@ def head_on(grid: SliceGrid, count: int = 48) -> Head:
 
 def measured(mask: NDArray[np.bool_], head: Head, start: FloatArray, stop: FloatArray) -> Clearance:
     label = Voxels.of(Kind.NO_GO, "vessel", mask, head)
-    found = label.clearance(Trajectory("A", start, stop, head.volume.frame, THIN), head)
+    found = label.clearance(Trajectory("A", start, stop, head.volume.frame, THIN))
     assert found is not None
     return found
 

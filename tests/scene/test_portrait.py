@@ -16,7 +16,6 @@ from ronnaplan.scene.things import Thing
 from ronnaplan.scene.vtk import NoGraphicsError, Workshop
 from tests.scans import balls, scan, small_stack
 
-CENTER = np.array([[3.0, -4.0, 2.0]])
 SHAPE = (200, 260)
 
 

@@ -130,6 +130,6 @@ def test_a_cluster_of_two_workers_gets_the_same_numbers(tmp_path: Path) -> None:
     assert here == there
 
 
-def test_the_tables_name_every_condition(tmp_path: Path) -> None:
+def test_the_tables_name_every_condition() -> None:
     by_cell = {Cell(0, 8, 2, hidden=1): run_block(0, 8, 2, 1, 0, 0, 100, 0, 5, 1)}
     assert "| 8 | 2 | 1 | nothing | 100 % |" in tables(by_cell)

@@ -15,10 +15,6 @@ from ronnaplan.robot.placement.world import box_rows
 coal: Any = pytest.importorskip("coal")
 
 
-def ball(radius: float) -> Any:
-    return coal.Sphere(radius)
-
-
 def placed(turn: FloatArray, at: FloatArray) -> Any:
     return coal.Transform3s(turn, at)
 
