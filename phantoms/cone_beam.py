@@ -99,7 +99,7 @@ class ConeBeam(Machine):
         return (np.pi + 2 * self.fan_rad) * (np.arange(self.views) + 0.5) / self.views
 
     def profile(self, stack: SliceStack) -> Profile:
-        """Return the profile of a detector row that is interpolated linearly: three boxes, one after the other."""
+        """Return a Gaussian as wide as the profile of interpolated detector rows: three boxes, one after the other."""
         return Profile("gaussian", ROW_FWHM * self.bin_mm)
 
     def aimed(self, stack: SliceStack) -> Self:
