@@ -116,12 +116,10 @@ def _figures(summary: Summary) -> list[str]:
     if summary.counts:
         found.append(picture(plots.found_plot(summary.counts), "Found against expected; the number is of series"))
     if summary.scanners:
-        found.append(
-            picture(plots.scanners_plot(summary.scanners), "Standard error by scanner (number of series)")
-        )
+        found.append(picture(plots.scanners_plot(summary.scanners), "RMS error by scanner (number of series)"))
         found.append(picture(plots.misfit_plot(summary.misfits), "Misfit"))
     if summary.thicknesses:
-        found.append(picture(plots.thickness_plot(summary.thicknesses), "Standard error by slice thickness"))
+        found.append(picture(plots.thickness_plot(summary.thicknesses), "RMS error by slice thickness"))
     if summary.rejected:
         found.append(picture(plots.reasons_plot(summary.rejected), "Why candidates were rejected"))
     if summary.reasons:

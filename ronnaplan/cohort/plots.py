@@ -52,7 +52,7 @@ def found_plot(counts: Counter[tuple[int, int]]) -> bytes:
 
 
 def scanners_plot(scanners: dict[str, list[float]]) -> bytes:
-    """Plot the standard errors by scanner: median, middle half, 5 % to 95 %."""
+    """Plot the RMS errors by scanner: median, middle half, 5 % to 95 %."""
     names = sorted(scanners, key=lambda name: -len(scanners[name]))[:MOST_BARS]
     figure, axes = new_figure(7.5, 1.4 + 0.4 * len(names))
     values = [1e3 * np.array(scanners[name]) for name in names]
@@ -70,18 +70,18 @@ def scanners_plot(scanners: dict[str, list[float]]) -> bytes:
     labels = [f"{name} ({len(scanners[name])})" for name in names]
     axes.set_yticks(range(1, len(names) + 1), labels)
     axes.invert_yaxis()
-    axes.set_xlabel("standard error of a scan's worst marker, um")
+    axes.set_xlabel("RMS error stated of a scan's worst marker, um")
     axes.ticklabel_format(axis="x", useOffset=False)
     return png(figure)
 
 
 def thickness_plot(pairs: list[tuple[float, float]]) -> bytes:
-    """Plot the standard error against the slice thickness."""
+    """Plot the RMS error against the slice thickness."""
     figure, axes = new_figure(5.2, 4.2)
     step = 1 + len(pairs) // MOST_POINTS
     thickness_mm, error_mm = np.array(pairs[::step]).T
     axes.scatter(thickness_mm, 1e3 * error_mm, 14, color=COLOR, alpha=0.5, linewidths=0)
-    axes.set(xlabel="slice thickness, mm", ylabel="standard error of a scan's worst marker, um", yscale="log")
+    axes.set(xlabel="slice thickness, mm", ylabel="RMS error stated of a scan's worst marker, um", yscale="log")
     for which in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
         which("{x:g}")
     axes.set_xlim(left=0)

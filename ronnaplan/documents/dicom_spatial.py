@@ -49,7 +49,7 @@ LONGEST_DESCRIPTION = 64
 
 
 def spatial_fiducials(document: FiducialsDocument, patient: Dataset | None = None) -> FileDataset:
-    """Return the markers as a Spatial Fiducials object: points with their standard error as uncertainty radius.
+    """Return the markers as a Spatial Fiducials object: points with their RMS error (mm) as uncertainty radius.
 
     ``patient`` holds the patient and study modules to copy.
 

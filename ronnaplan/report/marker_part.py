@@ -1,4 +1,4 @@
-"""The report's markers: centers, standard errors, flags, cuts with outline and residual."""
+"""The report's markers: centers, sigmas, flags, cuts with outline and residual."""
 
 from __future__ import annotations
 
