@@ -148,7 +148,11 @@ class Resolution:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fiducials(Shown[Fiducial]):
-    """The markers of one scan, ordered from the top of the head down, with where they come from: a sequence of them."""
+    """The markers of one scan, ordered from the top of the head down, with where they come from: a sequence of them.
+
+    ``rejected`` were looked at closely and are none; ``diameters_mm`` and ``marker`` (how a ball is built) were sought.
+    ``volume_flags`` are doubts about the scan itself, ``stated_thickness_mm`` is its header's slice thickness.
+    """
 
     fiducials: tuple[Fiducial, ...]
     rejected: tuple[Rejected, ...]

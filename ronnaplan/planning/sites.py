@@ -61,9 +61,11 @@ class Sites:
 class PlacementRules:
     """What a layout must keep.
 
-    ``sigma_mm`` is the standard deviation per axis of a pair's difference (CT and tracker together). The tracker
-    stands in direction ``tracker`` (3,), LPS, seen from the head; a marker is visible when its normal leans away
-    from that by at most ``visible_deg``. None: seen from anywhere.
+    ``sigma_ct_mm`` and ``sigma_ots_mm`` are standard deviations per axis of a marker in the scan and of its reading;
+    ``base_mm`` is the height of a marker's base above the scalp. Markers keep ``least_apart_mm`` from each other and
+    ``least_from_entries_mm`` from the entries; none stands below ``lowest_mm`` (LPS z; None: anywhere). The tracker
+    stands in direction ``tracker`` (3,), LPS, seen from the head; a marker is visible when its normal leans away from
+    that by at most ``visible_deg``. None: seen from anywhere.
     """
 
     sigma_ct_mm: float = SIGMA_CT_MM

@@ -59,7 +59,7 @@ class MarkerFlag(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class TrackedMarker:
-    """One marker: its mean, the covariance of that mean, how it was seen, and how far it moved (0: not surely)."""
+    """One marker: its mean (3,) with covariance (3, 3), how it was seen, and how far it moved (0: not surely)."""
 
     label: str
     position_mm: FloatArray
@@ -88,7 +88,7 @@ class RejectedTrack:
 
 @dataclass(frozen=True)
 class MarkerReadings:
-    """The markers of a recording."""
+    """The markers of a recording of so many ``frames``, in the coordinates of its ``frame``, mm."""
 
     markers: tuple[TrackedMarker, ...]
     rejected: tuple[RejectedTrack, ...]
