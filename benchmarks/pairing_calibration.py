@@ -20,12 +20,12 @@ import numpy as np
 
 from ronnaplan.correspondence.evidence import SCALE_PRIORS, SCALES
 from ronnaplan.correspondence.many import match_many
-from ronnaplan.correspondence.priors import residual_priors, size_priors
+from ronnaplan.correspondence.priors import SPREAD_MM, residual_priors, size_priors
 from ronnaplan.correspondence.told import OTHER_PATIENT, Told
 from ronnaplan.geometry import FloatArray
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 from ronnaplan.studies.heads import HEADS_MM
-from ronnaplan.studies.judging import PROBABILITY_EDGES, SPREAD_MM, calibration
+from ronnaplan.studies.judging import PROBABILITY_EDGES, calibration
 from ronnaplan.studies.scenes import OUTLIER_RADIUS_MM, Scenes, shuffled, simulate_scenes, uniform_in_ball
 
 MARKERS, OUTLIERS = 3, (0, 2, 4)

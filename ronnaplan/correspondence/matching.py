@@ -20,6 +20,7 @@ from ronnaplan.correspondence.inputs import (
 )
 from ronnaplan.correspondence.large import match_large
 from ronnaplan.correspondence.pairing import LEAST_PROBABILITY, LEFT_HANDED, Pairing
+from ronnaplan.correspondence.priors import SPREAD_MM
 from ronnaplan.correspondence.problem import Problem
 from ronnaplan.correspondence.small import match_small
 from ronnaplan.errors import InputError, check_type
@@ -47,7 +48,7 @@ def match_points(
     at_least: int | None = None,
     least_probability: float = LEAST_PROBABILITY,
     field_radius_mm: float | None = None,
-    spread_mm: float = 60.0,
+    spread_mm: float = SPREAD_MM,
 ) -> Pairing:
     """Pair CT points with tracker points, unordered, with outliers in both sets; be right or refuse.
 

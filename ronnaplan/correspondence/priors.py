@@ -12,6 +12,9 @@ from ronnaplan.correspondence.evidence import FEW_PAIRS, GATE_CHI2, LOOSE_CHI2, 
 from ronnaplan.correspondence.told import LEAST_PAIRS, Told
 from ronnaplan.geometry import FloatArray
 
+SPREAD_MM = 60.0
+"""Standard deviation per axis of markers about their center: on a head."""
+
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def log_pairings(ct_count: int, ots_count: int, size: int, known: int) -> float:

@@ -9,6 +9,7 @@ from pydantic import Field
 
 from ronnaplan.documents.fields import DocumentModel, LengthMm, PositiveMm
 from ronnaplan.documents.reading import read_document
+from ronnaplan.planning.lengths import TOLERANCE_MM
 from ronnaplan.planning.limits import Limits
 
 Angle = Annotated[float, Field(gt=0, le=90)]
@@ -29,7 +30,7 @@ class LimitsDocument(DocumentModel):
     greatest_target_error_mm: PositiveMm | None = None
     greatest_angular_error_deg: Angle | None = None
     least_probability: Annotated[float, Field(gt=0, lt=1)] | None = None
-    tolerance_mm: PositiveMm = 2.0
+    tolerance_mm: PositiveMm = TOLERANCE_MM
 
 
 def read_limits(path: str | os.PathLike[str]) -> Limits:

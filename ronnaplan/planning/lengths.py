@@ -1,4 +1,4 @@
-"""What markers and a printed template measure, and what a layout keeps, where nothing else is said: in this one place.
+"""What markers and a printed template measure, and what layouts and paths keep, where nothing else is said.
 
 Nothing is imported here, so that the command line can name them in its help at once.
 """
@@ -14,6 +14,9 @@ LEAST_APART_MM, LEAST_FROM_ENTRIES_MM = 30.0, 25.0
 
 VISIBLE_DEG = 80.0
 """How far a marker may lean away from the tracker."""
+
+TOLERANCE_MM = 2.0
+"""A path's chance to stay within so much is told."""
 
 PLATE_MM, THICKNESS_MM = (120.0, 80.0), 4.0
 """A template's plate: from side to side, from front to back, and how thick it is."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from ronnaplan.errors import InputError
 from ronnaplan.planning.contacts import nearest_contacts
 from ronnaplan.planning.layers import Way
+from ronnaplan.planning.lengths import TOLERANCE_MM
 from ronnaplan.planning.measures import Measures
 from ronnaplan.planning.obstacles import Clearance, Kind
 
@@ -19,7 +20,8 @@ NEAR_SHARE = 0.1
 class Limits:
     """What a trajectory must keep; None: not limited. Distances count from the instrument's surface.
 
-    Of a distance that is known so far and no further, the least it may be is held against the limit.
+    Of a distance that is known so far and no further, the least it may be is held against the limit. Errors are RMS
+    over all axes; ``least_probability`` is of the chance that the path stays within ``tolerance_mm``.
     """
 
     longest_path_mm: float | None = None
@@ -32,7 +34,7 @@ class Limits:
     greatest_target_error_mm: float | None = None
     greatest_angular_error_deg: float | None = None
     least_probability: float | None = None
-    tolerance_mm: float = 2.0
+    tolerance_mm: float = TOLERANCE_MM
 
     def least_distance_mm(self, kind: Kind) -> float:
         """Return the distance to keep from an obstacle; it must never be met, limit or not."""

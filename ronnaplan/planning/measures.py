@@ -15,6 +15,7 @@ from ronnaplan.planning.contacts import ContactMeasures, measure_contacts
 from ronnaplan.planning.crossings import Crossings, find_crossings
 from ronnaplan.planning.head import SKIN_HU, Head
 from ronnaplan.planning.landmarks import Landmarks
+from ronnaplan.planning.lengths import TOLERANCE_MM
 from ronnaplan.planning.obstacles import Clearance, Obstacle
 from ronnaplan.planning.sides import side_doubt
 from ronnaplan.planning.surface import Surface
@@ -131,7 +132,7 @@ def measure(
     others: Sequence[Trajectory] = (),
     landmarks: Landmarks | None = None,
     expected: Expectation = Expectation(),  # noqa: B008  # frozen
-    tolerance_mm: float = 2.0,
+    tolerance_mm: float = TOLERANCE_MM,
     frame_axes: FloatArray = RAS_IN_LPS,
     rough: bool = False,
 ) -> Measures:
@@ -139,9 +140,9 @@ def measure(
 
     ``others`` are the plan's trajectories (itself is left out by name); ``expected`` is what error is to be
     expected of the registration; rows of ``frame_axes`` (3, 3) are right, anterior, superior of the stereotactic frame
-    in LPS (default: square to the scanner). ``rough``: distances to labels are to their voxels only, as while an end is
-    dragged; contacts are not judged then. Raises `FrameMismatchError` for another frame and `InputError` for ends
-    outside the scan or in air.
+    in LPS (default: square to the scanner). The chance that is told is that of staying within ``tolerance_mm``.
+    ``rough``: distances to labels are to their voxels only, as while an end is dragged; contacts are not judged then.
+    Raises `FrameMismatchError` for another frame and `InputError` for ends outside the scan or in air.
     """
     check_type(trajectory, Trajectory, "the trajectory", "a plan holds some")
     check_type(head, Head, "the head", "Head.of(volume) returns one")

@@ -13,7 +13,6 @@ from ronnaplan.studies.scenes import Scenes
 
 STRICT_PROBABILITY = 0.9999
 """The second level of acceptance that is judged: `match_points` names it for a guarantee on each answer."""
-SPREAD_MM = 60.0
 PROBABILITY_EDGES = (0.0, 0.5, 0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.999, 0.9999, 0.99999, 1.0)
 """Bins of stated probability for the calibration table."""
 
@@ -26,7 +25,7 @@ def judge_exact(scenes: Scenes, told: Told) -> Record:
     from ronnaplan.correspondence.evidence import MOST_ODDS_IF_LARGER
     from ronnaplan.correspondence.many import match_many
     from ronnaplan.correspondence.pairing import LEAST_PROBABILITY
-    from ronnaplan.correspondence.priors import residual_priors, size_priors
+    from ronnaplan.correspondence.priors import SPREAD_MM, residual_priors, size_priors
 
     counts = (scenes.ct.shape[1], scenes.ots.shape[1])
     variance = SIGMA_CT_MM**2 + SIGMA_OTS_MM**2
