@@ -215,7 +215,11 @@ class CTVolume(Gridded):
     def from_array(
         cls, voxels_hu: ArrayLike, affine: ArrayLike, frame_of_reference_uid: str | None = None
     ) -> CTVolume:
-        """Return the scan of ``voxels_hu`` (K, J, I) whose indices (k, j, i, 1) ``affine`` (4, 4) maps to LPS mm."""
+        """Return the scan of ``voxels_hu`` (K, J, I) whose indices (k, j, i, 1) ``affine`` (4, 4) maps to LPS mm.
+
+        Raises `UsageError` for what is no array of numbers of three axes, `InputError` for masked or impossible values
+        and an affine that is none of a scan.
+        """
         voxels = np.asarray(voxels_hu)
         if voxels.ndim != 3 or voxels.dtype.kind not in "iuf" or not voxels.size:
             raise UsageError(
@@ -237,7 +241,7 @@ class CTVolume(Gridded):
 
     @classmethod
     def from_sitk(cls, image: Any, frame_of_reference_uid: str | None = None) -> CTVolume:
-        """Return the scan in a three-dimensional SimpleITK image of HU."""
+        """Return the scan in a three-dimensional SimpleITK image of HU; raises as `from_array` does."""
         from ronnaplan.ct.exchange import from_sitk
 
         return cls.from_array(*from_sitk(image), frame_of_reference_uid)

@@ -127,7 +127,7 @@ def plan_document(plan: Plan) -> PlanDocument:
 
 
 def write_plan(path: str | os.PathLike[str], plan: Plan) -> None:
-    """Write plan.json, whole or not at all, whatever was there."""
+    """Write plan.json, whole or not at all, whatever was there; raises `InputError` where that fails."""
     write_atomically(path, plan_text(plan))
 
 

@@ -17,7 +17,10 @@ from ronnaplan.registration.marker_registration import MarkerRegistration
 
 
 def write_fiducials(path: str | os.PathLike[str], found: Fiducials) -> FiducialsDocument:
-    """Write what `localize` found to fiducials.json, and return the document."""
+    """Write what `localize` found to fiducials.json, and return the document.
+
+    Raises `InputError` for what could not be read back, and where it cannot be written.
+    """
     return write_document(path, fiducials_document(found), read_fiducials)
 
 

@@ -90,9 +90,10 @@ class PlacementRules:
 
 
 def scalp_sites(head: Head, count: int = SITES) -> Sites:
-    """Return places spread over the scalp of ``head``, with normals.
+    """Return places spread over the scalp of ``head``, with normals: those of ``count`` directions that show it.
 
-    Those on attached things, or with something over them (a headrest, a tube), are left out.
+    Those on attached things, or with something over them (a headrest, a tube), are left out. Raises `InputError` where
+    too few are left to tell normals.
     """
     center = head.center_mm
     found = cast(head, center, spread_directions(count), Field.of([], head))

@@ -91,7 +91,7 @@ def check_drift(reference: Points, later: Points) -> Drift:
 
 
 def drift_over_time(reference: Points, frames: Iterable[Points]) -> list[Drift]:
-    """Return the `Drift` of each of ``frames`` against ``reference``."""
+    """Return the `Drift` of each of ``frames`` against ``reference``; raises what `check_drift` does."""
     return [check_drift(reference, frame) for frame in frames]
 
 

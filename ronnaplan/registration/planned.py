@@ -27,7 +27,8 @@ def predict_tre(markers_mm: ArrayLike, covariances_mm2: Covariances, targets_mm:
     standard deviations ``s`` and ``t`` mm per axis it is ``(s**2 + t**2) * numpy.eye(3)``. A tuple (scan, tracker)
     tells more: where a rotation is uncertain by some degrees, the errors of both turn against each other (second
     order). `predict_tre_map` tells the error at every voxel of a scan, `radius_95_mm` how far off a
-    target stays with a chance of 95 %.
+    target stays with a chance of 95 %. Raises `UsageError` without covariances, `InputError` for fewer than three
+    markers, markers on one line, and covariances that are none.
     """
     return planned_pose(markers_mm, covariances_mm2).point_covariances(targets_mm)
 
@@ -39,7 +40,7 @@ def predict_tre_map(
 
     Markers, in the scan's coordinates (LPS), and their errors are those of `predict_tre`. ``to_sitk``, ``to_nibabel``
     and the like give the map to other libraries. Where there is no scan yet, any grid will do:
-    ``CTVolume.from_array(numpy.zeros(shape), affine)``.
+    ``CTVolume.from_array(numpy.zeros(shape), affine)``. Raises what `predict_tre` does.
     """
     from ronnaplan.registration.maps import error_map
 

@@ -32,7 +32,8 @@ def tool_orientation(ots_mm: ArrayLike, robot_mm: ArrayLike, ots_from_m: Pose, r
     """Return the rotation (3, 3) of M from TCP by Eq. 5.
 
     ``ots_mm`` and ``robot_mm`` (3, 3) are the same three points that the TCP visited, in the tracker's and in the
-    robot's coordinates; the two poses belong to one moment. Raises `FrameMismatchError` for poses of other frames.
+    robot's coordinates; the two poses belong to one moment. Raises `FrameMismatchError` for poses of other frames, and
+    what `frame_of_three` does.
     """
     _require_frames(ots_from_m, robot_from_tcp)
     temp_from_m = frame_of_three(ots_mm).T @ ots_from_m.rotation

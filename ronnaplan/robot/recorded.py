@@ -137,7 +137,10 @@ def seen_tool(
 
 
 def robot_pose(matrix: FloatArray, sigma_mm: float = SIGMA_ROBOT_MM, sigma_deg: float = SIGMA_ROBOT_DEG) -> Pose:
-    """Return R from TCP with the robot's own error: per axis, about the TCP."""
+    """Return R from TCP of a ``matrix`` (4, 4), mm, with the robot's own error: per axis, about the TCP.
+
+    Raises `InputError` for a matrix that is no pose and for errors that are none.
+    """
     require_sigma(sigma_mm, "the robot's error")
     check_type(sigma_deg, Real, "the robot's error of rotation", "give one number, in degrees")
     if not 0 <= sigma_deg < 180:
