@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import pytest
@@ -14,6 +15,10 @@ def few_or_all(name: str, few: Any, every: Any) -> pytest.MarkDecorator:
     )
 
 
-def few_and_others(name: str, few: Any, others: Any) -> pytest.MarkDecorator:
+def few_and_others(
+    names: str | tuple[str, ...], few: Iterable[Any], others: Iterable[Any], ids: Sequence[str] | None = None
+) -> pytest.MarkDecorator:
     """Run a test for each of ``few`` each time, and for each of ``others`` in long runs."""
-    return pytest.mark.parametrize(name, [*few, *(pytest.param(one, marks=pytest.mark.long) for one in others)])
+    of_each = (lambda one: (one,)) if isinstance(names, str) else tuple
+    later = [pytest.param(*of_each(one), marks=pytest.mark.long) for one in others]
+    return pytest.mark.parametrize(names, [*few, *later], ids=ids)

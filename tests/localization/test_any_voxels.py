@@ -10,8 +10,10 @@ from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.errors import RonnaplanError
 from ronnaplan.localization import Build, localize
 from ronnaplan.localization.size import sizes_seen
+from tests.long import few_and_others
 
 SCANS = 60
+TRIED_EACH_TIME = 20
 BUILDS = [Build.parse(one) for one in ("solid", "solid", "solid", "shell:1", "wrapped:1.5")]
 
 
@@ -39,7 +41,7 @@ def any_scan(seed: int) -> CTVolume:
     return CTVolume(voxels.astype(np.int16), grid)
 
 
-@pytest.mark.parametrize("seed", range(SCANS))
+@few_and_others("seed", range(TRIED_EACH_TIME), range(TRIED_EACH_TIME, SCANS))
 def test_any_voxels_are_answered_or_refused(seed: int) -> None:
     volume, generator = any_scan(seed), np.random.default_rng([seed, 7])
     diameter_mm = float(generator.uniform(1.5, 14.0))

@@ -17,23 +17,25 @@ from phantoms.scene import Part, Scene
 from phantoms.solids import cylinder, ellipsoid, sphere
 from ronnaplan.errors import InputError, RefusedError, UsageError
 from ronnaplan.localization import FiducialFlag, localize
-from tests.long import few_or_all
+from tests.long import few_and_others, few_or_all
 from tests.scans import balls, on_grid, scan, small_stack
 
 PLACES = [(-14.3, -12.2, -3.1), (13.6, 11.7, 2.4), (15.1, -13.8, 5.3)]
 
 
-@pytest.mark.parametrize(
+@few_and_others(
     ("geometry", "tolerance_mm"),
     [
-        ({}, 0.015),
         ({"tilt_deg": 20.0}, 0.015),
         ({"orientation": Rotation.from_euler("xyz", [20, -30, 50], degrees=True).as_matrix()}, 0.015),
         ({"positions_mm": tuple(np.cumsum([-20, *[1.0] * 12, *[2.5] * 6, *[1.2] * 10]))}, 0.02),
+    ],
+    [
+        ({}, 0.015),
         ({"spacing_mm": 2.5, "thickness_mm": 2.5}, 0.03),
         ({"spacing_mm": 0.6, "thickness_mm": 1.2}, 0.015),
     ],
-    ids=["plain", "tilted", "oblique", "uneven", "thick", "overlapping"],
+    ids=["tilted", "oblique", "uneven", "plain", "thick", "overlapping"],
 )
 def test_balls_are_found_where_they_are(geometry: dict[str, object], tolerance_mm: float) -> None:
     found = localize(scan(balls(PLACES), small_stack(**geometry)), diameter_mm=11.5, expected=3)
@@ -86,7 +88,7 @@ def test_no_fit_is_better_than_its_bound_and_noise_moves_both() -> None:
     assert ratio == pytest.approx(4.0, rel=0.25)  # the bound follows the noise
 
 
-@pytest.mark.parametrize(("odd", "others", "number"), [(0.05, 0.04, 4), (0.05, 0.01, 3), (0.08, 0.04, 3)])
+@few_and_others(("odd", "others", "number"), [(0.05, 0.04, 4), (0.05, 0.01, 3)], [(0.08, 0.04, 3)])
 def test_what_spoils_every_marker_of_a_scan_speaks_against_none(odd: float, others: float, number: int) -> None:
     shapes = zip([*PLACES, (-13.0, 12.0, 4.0)], [others, others, others, odd], strict=True)
     eggs = [Part(ellipsoid(place, (5.75 * (1 + e), 5.75 * (1 - e), 5.75)), "acrylic") for place, e in shapes]
@@ -160,7 +162,7 @@ def test_clipped_metal_is_found_and_flagged() -> None:
     assert FiducialFlag.CLIPPED in found.fiducials[0].flags
 
 
-@pytest.mark.parametrize(("diameter_mm", "material"), [(3.0, "titanium"), (4.0, "titanium"), (5.0, "steel")])
+@few_and_others(("diameter_mm", "material"), [(3.0, "titanium")], [(4.0, "titanium"), (5.0, "steel")])
 def test_clipped_metal_under_a_sharp_kernel_keeps_its_size(diameter_mm: float, material: str) -> None:
     places = [(0.1, 0.2, 0.3), (9.3, -8.2, 7.4), (-8.6, 7.1, -6.2)]
     stack = small_stack(spacing_mm=0.6)
@@ -222,7 +224,7 @@ def test_a_metal_egg_is_not_taken_for_a_ball_under_thick_slices() -> None:
     assert "its ends are blurred over" in found.rejected[0].reason
 
 
-@pytest.mark.parametrize("seed", [0, 5, 8])
+@few_and_others("seed", [0], [5, 8])
 def test_a_void_does_not_make_a_ball_larger(seed: int) -> None:
     """As moulding leaves one off the center: with its directions the fit takes the ball for fainter."""
     generator = np.random.default_rng(seed)

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from ronnaplan.errors import InputError, RonnaplanError
 from ronnaplan.robot.hand_eye import calibrate_hand_eye
 from ronnaplan.robot.pivot import calibrate_pivot
+from tests.long import few_and_others
 from tests.robot.test_orientation import hand_eye_poses
 
 
@@ -52,8 +53,8 @@ def test_poses_that_do_not_belong_together_are_refused(seed: int) -> None:
         calibrate_hand_eye(poses(), poses())
 
 
-@pytest.mark.parametrize("count", [4, 6, 40])
-@pytest.mark.parametrize("sds", [(1e-3, 0.0), (0.0, 0.2), (1e-3, 1e-5)])
+@few_and_others("count", [4, 40], [6])
+@few_and_others("sds", [(1e-3, 0.0), (0.0, 0.2)], [(1e-3, 1e-5)])
 def test_poses_whose_places_or_rotations_are_all_but_exact_calibrate_an_eye(
     count: int, sds: tuple[float, float]
 ) -> None:

@@ -11,7 +11,7 @@ from threadpoolctl import ThreadpoolController
 from ronnaplan.pose import Pose, invert
 from ronnaplan.robot import by_pose
 from ronnaplan.robot.hand_eye import calibrate_hand_eye
-from tests.long import few_or_all
+from tests.long import few_and_others, few_or_all
 from tests.robot.test_orientation import matrix
 
 HOME = np.radians([10, -100, 110, -100, -90, 20])
@@ -72,7 +72,7 @@ def recorded(
 
 
 @few_or_all("cases", 1, 2)
-@pytest.mark.parametrize("off_deg", [0.0, 0.2])
+@few_and_others("off_deg", [0.2], [0.0])
 def test_joints_whose_zeros_are_off_are_told_and_counted(off_deg: float, cases: int) -> None:
     """M had a normalized error of 16 and R of 50, with nothing but a larger RMS to tell."""
     of_tool, of_base, told = [], [], []
@@ -88,7 +88,7 @@ def test_joints_whose_zeros_are_off_are_told_and_counted(off_deg: float, cases: 
 
 
 @few_or_all("cases", 1, 2)
-@pytest.mark.parametrize("scale", [1.002, 0.998])
+@few_and_others("scale", [1.002], [0.998])
 def test_distances_of_the_tracker_that_are_wrong_are_told_by_how_much_and_counted(
     scale: float, cases: int
 ) -> None:
@@ -104,11 +104,12 @@ def test_distances_of_the_tracker_that_are_wrong_are_told_by_how_much_and_counte
     assert np.mean(of_base) < 2
 
 
+IN_DEPTH: dict[str, Any] = {"place_sd_mm": np.array([0.25, 0.25, 1.0])}
+REMEMBERED: dict[str, Any] = {"memory": 0.9}
+
+
 @few_or_all("cases", 3, 4)
-@pytest.mark.parametrize("scale", [1.0, 1.002])
-@pytest.mark.parametrize(
-    "noise", [{"place_sd_mm": np.array([0.25, 0.25, 1.0])}, {"memory": 0.9}], ids=["larger in depth", "remembers"]
-)
+@few_and_others(("noise", "scale"), [(IN_DEPTH, 1.002), (REMEMBERED, 1.0)], [(IN_DEPTH, 1.0), (REMEMBERED, 1.002)])
 def test_no_shape_or_memory_of_the_trackers_noise_hides_a_scale(
     noise: dict[str, Any], scale: float, cases: int
 ) -> None:
@@ -136,7 +137,7 @@ def test_no_steady_drift_of_the_tracker_hides_a_scale(scale: float) -> None:
     assert normalized(found.robot_from_ots, robot_from_ots) < 3
 
 
-@pytest.mark.parametrize("seed", [11, 15])
+@few_and_others("seed", [11], [15])
 def test_rotations_that_err_about_one_axis_of_the_tool_alone_tell_no_scale(seed: int) -> None:
     """A scale was likely to 93 % and more, as of the other two axes round-off was judged, which had not settled yet."""
     rng = np.random.default_rng(seed)
@@ -147,7 +148,7 @@ def test_rotations_that_err_about_one_axis_of_the_tool_alone_tell_no_scale(seed:
 
 
 @few_or_all("cases", 1, 2)
-@pytest.mark.parametrize("rotation_sd_deg", [0.0, 1e-7])
+@few_and_others("rotation_sd_deg", [0.0], [1e-7])
 def test_rotations_without_errors_hide_no_scale(rotation_sd_deg: float, cases: int) -> None:
     """R was put 2 mm aside and more, with 0.1 mm stated and nothing told: kinds of noise were judged by round-off."""
     of_base = []
@@ -160,10 +161,13 @@ def test_rotations_without_errors_hide_no_scale(rotation_sd_deg: float, cases: i
     assert np.mean(of_base) < 2
 
 
-def test_a_small_tool_that_shows_turns_far_worse_than_places_is_stated_with_no_more_caution_than_others() -> None:
+@few_or_all("cases", 8, 12)
+def test_a_small_tool_that_shows_turns_far_worse_than_places_is_stated_with_no_more_caution_than_others(
+    cases: int,
+) -> None:
     """Of places that err by a hundredth of what rotations do at a meter noise was drawn that was there already."""
     of_tool, of_base = [], []
-    for seed in range(12):
+    for seed in range(cases):
         rng = np.random.default_rng(seed)
         seen, driven, m_from_tcp, robot_from_ots = recorded(rng, 40, rotation_sd_deg=0.3, place_sd_mm=0.05)
         found = calibrate_hand_eye(seen, driven)
@@ -174,7 +178,7 @@ def test_a_small_tool_that_shows_turns_far_worse_than_places_is_stated_with_no_m
 
 
 @few_or_all("cases", 1, 2)
-@pytest.mark.parametrize("scale", [1.0, 1.002])
+@few_and_others("scale", [1.002], [1.0])
 def test_a_tool_that_swings_about_its_tip_tells_no_scale_which_is_counted(scale: float, cases: int) -> None:
     """Only noise is left of its places: distances were said to be 99 % too long, which leaves none of it."""
     of_base = []

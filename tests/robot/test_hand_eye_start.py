@@ -10,7 +10,7 @@ from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.pose import invert
 from ronnaplan.robot.hand_eye import calibrate_hand_eye
 from ronnaplan.robot.hand_eye_start import far_off
-from tests.long import few_or_all
+from tests.long import few_and_others, few_or_all
 from tests.robot.test_orientation import hand_eye_poses, matrix
 
 MISREAD: list[tuple[str, Callable[[Rotation], Rotation]]] = [
@@ -37,8 +37,8 @@ def spoilt(seen: np.ndarray, which: list[int], far_mm: float, turn_deg: float) -
     return wrong
 
 
-@pytest.mark.parametrize(("far_mm", "turn_deg"), [(5.0, 0.0), (0.0, 2.0), (20.0, 0.0), (20.0, 5.0)])
-@pytest.mark.parametrize(("count", "which"), [(20, [2]), (20, [0, 5, 6, 19]), (40, [3, 9, 20, 33])])
+@few_and_others(("far_mm", "turn_deg"), [(0.0, 2.0), (20.0, 5.0)], [(5.0, 0.0), (20.0, 0.0)])
+@few_and_others(("count", "which"), [(20, [0, 5, 6, 19]), (40, [3, 9, 20, 33])], [(20, [2])])
 def test_poses_that_are_far_off_are_named_and_no_others(
     count: int, which: list[int], far_mm: float, turn_deg: float
 ) -> None:
@@ -110,7 +110,7 @@ def test_places_that_are_written_otherwise_than_the_angles_are_told_as_such(wron
         calibrate_hand_eye(seen, driven)
 
 
-@pytest.mark.parametrize("whose", ["the tracker's poses", "the robot's poses", "the poses of both"])
+@few_and_others("whose", ["the robot's poses", "the poses of both"], ["the tracker's poses"])
 @pytest.mark.parametrize(("mistake", "read"), MISREAD)
 def test_rotations_that_were_misread_are_told_as_such(
     whose: str, mistake: str, read: Callable[[Rotation], Rotation]

@@ -17,7 +17,7 @@ from ronnaplan.robot.orientation import (
     tool_pose,
 )
 from ronnaplan.robot.pivot import calibrate_pivot
-from tests.long import few_or_all
+from tests.long import few_and_others, few_or_all
 
 TRIANGLE = np.array([[600.0, 100, 300], [900, 150, 280], [700, 400, 350]])
 
@@ -118,7 +118,7 @@ def test_poses_that_are_both_the_other_way_round_are_refused() -> None:
 
 
 @few_or_all("cases", 3, 8)
-@pytest.mark.parametrize("memory", [0.0, 0.9])
+@few_and_others("memory", [0.9], [0.0])
 def test_hand_eye_states_its_own_error_whatever_the_noises_memory(memory: float, cases: int) -> None:
     squares = []
     for seed in range(cases):
@@ -135,7 +135,7 @@ def test_hand_eye_states_its_own_error_whatever_the_noises_memory(memory: float,
     assert found.rotation_rms_deg == pytest.approx(np.degrees(1e-3 * np.sqrt(3)), rel=0.3)
 
 
-@pytest.mark.parametrize("late", [-1, 0, 1])
+@few_and_others("late", [-1, 0], [1])
 def test_poses_of_other_moments_are_told(late: int) -> None:
     """Of a robot that moves by 0.9 degrees a pose they put M 20 mm aside, with 0.9 degrees and 1.2 mm left."""
     rng, time = np.random.default_rng(4), np.linspace(0, 1, 202)[:, None]
@@ -163,7 +163,7 @@ def test_poses_that_a_tracker_sends_again_while_the_robot_moves_on_are_left_out(
     assert not calibrate_hand_eye(*hand_eye_poses(6, 60, 1e-3, 0.2)[:2]).doubts
 
 
-@few_or_all("cases", 3, 6)
+@few_or_all("cases", 2, 6)
 def test_hand_eye_with_a_slow_error_in_the_tools_axes_states_its_own_error(cases: int) -> None:
     """It was stated 1.6 times too small: the axes were told apart by likelihoods of unlike numbers of frequencies."""
     rng = np.random.default_rng(8)
@@ -189,7 +189,7 @@ def test_hand_eye_with_a_slow_error_in_the_tools_axes_states_its_own_error(cases
 
 
 @few_or_all("cases", 3, 8)
-@pytest.mark.parametrize("in_tool", [False, True])
+@few_and_others("in_tool", [True], [False])
 def test_hand_eye_under_a_steady_drift_states_its_own_error(in_tool: bool, cases: int) -> None:
     """Of R from OTS it was stated up to a hundred times too large; true is what holds in the recording's middle."""
     squares = []
@@ -222,7 +222,7 @@ def test_many_poses_beat_one() -> None:
     assert off(calibrate_hand_eye(seen, driven).m_from_tcp.rotation) < 0.5 * off(one)
 
 
-@few_or_all("cases", 4, 10)
+@few_or_all("cases", 3, 10)
 def test_hand_eye_of_few_poses_states_its_own_error(cases: int) -> None:
     """Drifts can follow four poses almost anywhere; what is left does not say how well they are known."""
     squares = []

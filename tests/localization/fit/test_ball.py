@@ -11,6 +11,7 @@ from ronnaplan.localization.fit.ball import discs
 from ronnaplan.localization.fit.model import evaluate
 from ronnaplan.localization.fit.parameters import BLUR, CONTRAST, EDGE, PARAMETERS, RADIUS, SHAPE, WIDTH
 from ronnaplan.localization.fit.pile import slice_profile
+from tests.long import few_and_others
 
 SAME_SHARE = 2e-4
 """Of the contrast, away from the poles: straight lines between the places of `disc_table` are off by half of it."""
@@ -31,8 +32,8 @@ def seen_exactly(r: FloatArray, w: float, theta: FloatArray) -> FloatArray:
     return seen
 
 
-@pytest.mark.parametrize("edge", [-0.3, 0.0, 0.6])
-@pytest.mark.parametrize(("radius", "blur", "width"), [(5.75, 0.5, 0.6), (5.75, 0.25, 1.0), (1.5, 0.4, 0.3)])
+@few_and_others("edge", [0.6], [-0.3, 0.0])
+@few_and_others(("radius", "blur", "width"), [(5.75, 0.25, 1.0), (1.5, 0.4, 0.3)], [(5.75, 0.5, 0.6)])
 def test_a_slice_sees_what_its_discs_show_wherever_a_voxel_lies(
     radius: float, blur: float, width: float, edge: float
 ) -> None:

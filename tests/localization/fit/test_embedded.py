@@ -15,6 +15,7 @@ from ronnaplan.localization.fit.embedded import MOST_ENDING, within_its_holder
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood, gather
 from ronnaplan.localization.judge.uncertainty import FACE_PULL_MM
 from ronnaplan.localization.scanner.scan import Scan
+from tests.long import few_and_others
 from tests.scans import balls, scan, small_stack
 
 CENTER = np.array([0.4, -0.3, 0.2])
@@ -37,8 +38,8 @@ def around(volume: CTVolume) -> Neighbourhood:
     return gather(volume, CENTER, 6.0, volume.grid.axes)
 
 
-@pytest.mark.parametrize(("below_mm", "above_mm"), [(0.3, 0.7), (0.3, 2.5), (1.2, 1.2)])
-@pytest.mark.parametrize("material", ["glass", "ceramic"])
+@few_and_others(("below_mm", "above_mm"), [(0.3, 0.7), (1.2, 1.2)], [(0.3, 2.5)])
+@few_and_others("material", ["glass"], ["ceramic"])
 def test_a_ball_is_found_near_the_faces_of_a_plate(material: str, below_mm: float, above_mm: float) -> None:
     (found,) = localize(plate(material, below_mm, above_mm), diameter_mm=5.0, expected=1)
     error_mm = found.center_mm - CENTER

@@ -16,6 +16,7 @@ from ronnaplan.localization.fit.parameters import (
     SLOPES,
     STREAK_PARAMETERS,
 )
+from tests.long import few_and_others
 
 THETA = np.array([0.1, -0.2, 0.3, 5.75, 0.5, 0.4, 1.25, 1.3, 1100.0, -1000.0, 1.0, 2.0, 3.0])
 STREAKS = np.array([300.0, -200.0])
@@ -32,7 +33,7 @@ def model(offsets: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return evaluate(offsets, theta, 0.0, *discs(theta))
 
 
-@pytest.mark.parametrize("shape", [0.0, 0.4, 1.0, 4.0])
+@few_and_others("shape", [0.4], [0.0, 1.0, 4.0])
 @pytest.mark.parametrize(
     ("diameter", "sigma", "width"), [(11.5, 0.5, 1.25), (11.5, 0.7, 5.0), (3.0, 0.4, 0.6), (11.5, 0.5, 9.0)]
 )

@@ -15,7 +15,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import localize, sizes_seen
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanwide.thick import as_thin
-from tests.long import few_or_all
+from tests.long import few_and_others, few_or_all
 from tests.scans import balls, offsets_mm, scan, small_stack
 
 CLOSE = {"start_mm": -15, "stop_mm": 15, "matrix": 80, "field_of_view_mm": 40}
@@ -46,7 +46,7 @@ def on_a_head(
 
 
 @few_or_all("cases", 2, 4)
-@pytest.mark.parametrize("gap_mm", [0.0, 0.6])
+@few_and_others("gap_mm", [0.0], [0.6])
 @pytest.mark.parametrize("diameter_mm", [4.0, 6.0])
 def test_a_small_plastic_ball_on_skin_is_found(diameter_mm: float, gap_mm: float, cases: int) -> None:
     """Skin is as bright as the ball, and reaches through the blur to a quarter of the surface of one of 4 mm."""
@@ -77,7 +77,7 @@ def test_a_ball_is_found_also_where_skin_leads_a_look_astray_that_is_free(
     assert error_mm @ np.linalg.solve(found.covariance_mm2, error_mm) < chi2.ppf(0.999, 3)
 
 
-@pytest.mark.parametrize("seed", [8, 13, 14])
+@few_and_others("seed", [8], [13, 14])
 def test_a_small_ball_on_skin_is_found_in_slices_as_thick_as_two_thirds_of_it(seed: int) -> None:
     """Skin reaches through their profile to a quarter of its surface, and all the rest shows a sphere."""
     generator = np.random.default_rng(seed)

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from scipy import fft, ndimage
 
 from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import FiducialFlag, Fiducials, localize
-from tests.long import few_or_all
+from tests.long import few_and_others, few_or_all
 from tests.scans import balls, scan, small_stack
 
 PLACES = np.array([(-18.0, -15.3, -6.2), (17.4, -14.0, 3.1), (1.2, 16.5, 7.3)])
@@ -41,7 +40,7 @@ def test_still_balls_are_not_suspected(cases: int) -> None:
     assert [flags(seen(seed=seed)) for seed in range(cases)] == [[False] * 3] * cases
 
 
-@pytest.mark.parametrize("shift", [(0.5, 0.0, 0.0), (0.0, -0.4, 0.3), (0.6, 0.2, -0.1)])
+@few_and_others("shift", [(0.5, 0.0, 0.0)], [(0.0, -0.4, 0.3), (0.6, 0.2, -0.1)])
 def test_a_jump_between_slices_is_told_by_the_ball_that_it_met(shift: tuple[float, float, float]) -> None:
     still, after = seen(), seen(shift, seed=2)
     heights = still.grid.slice_positions_mm

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from phantoms.scene import Part, Scene
 from phantoms.solids import cylinder
@@ -16,6 +15,7 @@ from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.judge.evidence import Evidence
 from ronnaplan.localization.judge.noise import noise_level
 from ronnaplan.localization.scanner.scan import Scan
+from tests.long import few_and_others
 from tests.scans import balls, scan, small_stack
 
 CENTER_MM, DIAMETER_MM = np.array([0.2, -0.3, 3.1]), 5.0
@@ -49,7 +49,7 @@ def test_a_thin_post_leaves_its_ball_as_it_was_fitted() -> None:
     assert fit.by_part_mm2 is None
 
 
-@pytest.mark.parametrize("jump_mm", [(0.25, 0.0, 0.0), (-0.25, 0.0, 0.0), (0.0, -0.25, 0.0)])
+@few_and_others("jump_mm", [(0.25, 0.0, 0.0)], [(-0.25, 0.0, 0.0), (0.0, -0.25, 0.0)])
 def test_a_ball_that_jumped_while_it_was_scanned_is_not_taken_for_one_in_a_socket(
     jump_mm: tuple[float, float, float],
 ) -> None:

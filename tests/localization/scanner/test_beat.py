@@ -16,7 +16,7 @@ from ronnaplan.localization import localize
 from ronnaplan.localization.scanner.beat import DISPLACED_SHARE, noise_beats
 from ronnaplan.localization.scanner.scan import Scan
 from tests.localization.scanner.test_measured import resampled
-from tests.long import few_or_all
+from tests.long import few_and_others, few_or_all
 from tests.scans import balls, scan, small_stack
 
 GAP_MM = 0.8
@@ -65,7 +65,7 @@ def test_streaks_of_fillings_that_come_and_go_are_no_beat() -> None:
     assert not noise_beats(replace(volume, voxels_hu=np.round(volume.voxels_hu + streaks_hu).astype(np.int16)))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@few_and_others("seed", range(1), range(1, 4))
 def test_screws_that_stand_in_every_seventh_slice_are_no_beat(seed: int) -> None:
     """Their streaks are alike in neighbouring slices, and add to noise that is not."""
     volume = soft_tissue(seed, count=38)

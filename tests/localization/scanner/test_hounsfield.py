@@ -12,6 +12,7 @@ from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.localization import localize
 from ronnaplan.localization.scanner.hounsfield import in_hounsfield
 from ronnaplan.localization.size import sizes_seen
+from tests.long import few_and_others
 from tests.scans import balls, scan, small_stack
 
 CENTERS_MM = [(-15.2, -14.1, 8.3), (14.7, -12.6, -6.2), (1.3, 15.4, 2.1)]
@@ -28,9 +29,7 @@ def grey(volume: CTVolume, factor: float, offset: float, top: float) -> CTVolume
     return replace(volume, voxels_hu=values.astype(np.float32))
 
 
-@pytest.mark.parametrize(
-    ("factor", "offset", "top"), [(0.1, 0.0, 255.0), (0.25, 40.0, 1000.0), (10.0, 0.0, 65535.0)]
-)
+@few_and_others(("factor", "offset", "top"), [(0.1, 0.0, 255.0)], [(0.25, 40.0, 1000.0), (10.0, 0.0, 65535.0)])
 def test_balls_are_found_in_grey_values(shown: CTVolume, factor: float, offset: float, top: float) -> None:
     found = localize(grey(shown, factor, offset, top), diameter_mm=11.5)
     assert VolumeFlag.SCALED in found.volume_flags

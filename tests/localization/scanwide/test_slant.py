@@ -21,6 +21,7 @@ from ronnaplan.localization.scanner.summed import Summed
 from ronnaplan.report.contact import gathered
 from ronnaplan.report.marker_cuts import marker_pictures
 from ronnaplan.report.tables import resolution_line
+from tests.long import few_and_others
 from tests.scans import balls, scan, small_stack
 
 PLACES = [(-16.0, -6.3, -7.2), (16.4, -7.0, 5.1), (1.2, 9.5, -5.3), (0.3, -8.1, 9.2)]
@@ -117,7 +118,7 @@ def test_balls_in_slices_that_were_measured_are_fitted_across_them() -> None:
     assert VolumeFlag.REFORMATTED not in found.volume_flags
 
 
-@pytest.mark.parametrize("longer", [0.15, 0.2])
+@few_and_others("longer", [0.2], [0.15])
 def test_eggs_that_lie_aslant_side_by_side_are_not_taken_for_balls_in_a_longer_profile(longer: float) -> None:
     lying = frame_along((0.5, 0.3, 0.8))
     eggs = [Part(ellipsoid(place, (3.0, 3.0, 3.0 * (1.0 + longer)), lying), "acrylic") for place in PLACES]

@@ -19,6 +19,7 @@ from ronnaplan.localization.localizer import require_count
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanwide.stretched import markers_tell
 from ronnaplan.localization.template import Template
+from tests.long import few_and_others
 from tests.scans import balls, scan, small_stack
 
 PLACES = [(-14.0, -13.6, 1.1), (13.7, -14.2, -2.8), (-13.9, 14.1, 0.3), (14.3, 13.8, 3.2)]
@@ -48,7 +49,7 @@ def as_said(
     return replace(volume, grid=said)
 
 
-@pytest.mark.parametrize(
+@few_and_others(
     ("wrong", "told"),
     [
         (
@@ -56,6 +57,22 @@ def as_said(
             "1.25 times as long along the slices' normal as across: the slices' distance in the header (1.25 mm) may "
             "be wrong (1?)",
         ),
+        (
+            {"rows": 1.2},
+            "1.20 times as long down the columns as across: the rows' distance in the header (0.6 mm) may be wrong "
+            "(0.5?)",
+        ),
+        (
+            {"rows": 1.15, "columns": 1.15},
+            "1.15 times as long within the slices as along their normal: the pixels' distance in the header (0.575 mm) "
+            "may be wrong (0.5?)",
+        ),
+        (
+            {"sheared_deg": 12.0},
+            "sheared by 12 degrees from slice to slice, as where a gantry's tilt was lost",
+        ),
+    ],
+    [
         (
             {"slices": 2.0},
             "2.00 times as long along the slices' normal as across: the slices' distance in the header (2 mm) may be "
@@ -67,23 +84,9 @@ def as_said(
             "be wrong (1?)",
         ),
         (
-            {"rows": 1.2},
-            "1.20 times as long down the columns as across: the rows' distance in the header (0.6 mm) may be wrong "
-            "(0.5?)",
-        ),
-        (
             {"columns": 0.8},
             "0.80 times as long along the rows as across: the columns' distance in the header (0.4 mm) may be wrong "
             "(0.5?)",
-        ),
-        (
-            {"rows": 1.15, "columns": 1.15},
-            "1.15 times as long within the slices as along their normal: the pixels' distance in the header (0.575 mm) "
-            "may be wrong (0.5?)",
-        ),
-        (
-            {"sheared_deg": 12.0},
-            "sheared by 12 degrees from slice to slice, as where a gantry's tilt was lost",
         ),
         (
             {"slices": 1 / np.cos(np.radians(25.0)), "sheared_deg": -25.0},
@@ -148,7 +151,7 @@ def test_where_all_balls_are_found_with_another_size_that_is_not_proposed(sound:
     assert found.distortion in repr(found)
 
 
-@pytest.mark.parametrize(
+@few_and_others(
     ("wrong", "factor", "told"),
     [
         (
@@ -157,6 +160,9 @@ def test_where_all_balls_are_found_with_another_size_that_is_not_proposed(sound:
             "times as long along the slices' normal as across: the slices' distance in the header (1.02 mm) may be "
             "wrong (1?)",
         ),
+        ({"sheared_deg": 1.0}, 1.0, "degrees from slice to slice, as where a gantry's tilt was lost"),
+    ],
+    [
         (
             {"rows": 0.99},
             0.99,
@@ -168,7 +174,6 @@ def test_where_all_balls_are_found_with_another_size_that_is_not_proposed(sound:
             "times as long within the slices as along their normal: the pixels' distance in the header (0.515 mm) may "
             "be wrong (0.5?)",
         ),
-        ({"sheared_deg": 1.0}, 1.0, "degrees from slice to slice, as where a gantry's tilt was lost"),
     ],
 )
 def test_markers_tell_what_is_wrong_by_a_few_percent(
@@ -215,11 +220,13 @@ def test_nothing_is_told_of_a_sound_scan(sound: CTVolume) -> None:
         assert localize(sound, diameter_mm=diameter_mm).distortion is None
 
 
-@pytest.mark.parametrize(
+@few_and_others(
     "half_mm",
     [
         [(5.7, 5.7, 7.5), (5.7, 5.7, 9.0), (5.7, 5.7, 6.9), (7.5, 5.7, 5.7)],  # each another one
         [(5.7, 4.6, 7.0)] * 4,  # alike, but by no grid
+    ],
+    [
         [(4.0, 4.0, 5.0)] * 4,  # of another size
         [(5.1, 5.1, 6.4)] * 4,  # of nearly that size
     ],

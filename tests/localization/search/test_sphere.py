@@ -9,14 +9,15 @@ from phantoms.scene import Part, Scene
 from phantoms.solids import sphere
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.search.sphere import spheres_at
+from tests.long import few_and_others
 from tests.scans import balls, scan, small_stack
 
 CENTER = (3.2, -4.1, 1.7)
 ASIDE_MM = np.array([1.2, -0.8, 1.0])
 
 
-@pytest.mark.parametrize("thought_mm", [7.5, 9.0, 11.0])
-@pytest.mark.parametrize("tilt_deg", [0.0, 18.0])
+@few_and_others("thought_mm", [7.5, 11.0], [9.0])
+@few_and_others("tilt_deg", [18.0], [0.0])
 def test_center_and_size_of_a_ball_are_found_from_beside_it(thought_mm: float, tilt_deg: float) -> None:
     volume = scan(balls([CENTER], 9.0), small_stack(tilt_deg=tilt_deg))
     centers, diameters, shares = spheres_at(volume, CENTER + ASIDE_MM[np.newaxis], np.array([thought_mm]), SOLID)

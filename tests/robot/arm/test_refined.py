@@ -17,6 +17,7 @@ from ronnaplan.robot.arm.numeric import inverse_numeric
 from ronnaplan.robot.arm.quality import singularity_deg
 from ronnaplan.robot.arm.refined import REACHED, refined
 from ronnaplan.robot.arm.wrist import wrist_of
+from tests.long import few_and_others
 from tests.robot.arm.arms import KR6, UR5E_M, calibrated, calibrated_ur5e, iiwa, panda, ur
 from tests.robot.arm.test_kinematics import peer_poses, random_angles, read
 from tests.robot.arm.test_wrist import turned
@@ -47,7 +48,7 @@ def missed(arm: SerialArm, found: FloatArray, asked: FloatArray) -> float:
 
 
 @pytest.mark.parametrize("name", MEANT)
-@pytest.mark.parametrize("seed", range(3))
+@few_and_others("seed", range(1), range(1, 3))
 def test_what_is_told_of_a_calibrated_arm_reaches_the_pose_and_hardly_anything_is_missed(
     name: str, seed: int, tmp_path: Path
 ) -> None:
@@ -82,7 +83,7 @@ def test_a_posture_has_the_number_that_the_maker_s_arm_has_it_by(
     assert turned(found, by_the_makers)[clear].max() < 0.25  # others, so far from singular postures, are farther
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@few_and_others("seed", [1], [2])
 def test_near_singular_postures_none_is_told_twice_or_by_another_s_number(seed: int, tmp_path: Path) -> None:
     """Where two postures meet the Jacobian's determinant changes its sign, and one bit of their numbers is another."""
     arm = calibrated(read(KR6, tmp_path), seed, off_rad=3e-3, off_mm=1.0)

@@ -15,17 +15,12 @@ from ronnaplan.robot.arm.forward import forward
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.arm.tool_error import FLANGE, ArmErrors, reached
 from ronnaplan.robot.chain import TCP, R
+from tests.long import few_and_others
 
 ANGLES = np.radians([20.0, -70, 95, 40, 50, -30])
 
 
-@pytest.mark.parametrize(
-    "errors",
-    [
-        ArmErrors(joint_deg=0.02),
-        ArmErrors(joint_deg=0.005, link_deg=0.01, link_mm=0.1),
-    ],
-)
+@few_and_others("errors", [ArmErrors(joint_deg=0.02)], [ArmErrors(joint_deg=0.005, link_deg=0.01, link_mm=0.1)])
 def test_errors_come_out_at_the_tip_as_sampling_says(errors: ArmErrors) -> None:
     arm, rng, count = kr6_r900(), np.random.default_rng(1), 800
     tool = Pose(rigid(np.eye(3), np.array([0.0, 40, 250])), np.diag([1e-8] * 3 + [0.01] * 3), FLANGE, TCP)

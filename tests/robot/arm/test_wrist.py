@@ -17,7 +17,7 @@ from ronnaplan.robot.arm.inverse import inverse
 from ronnaplan.robot.arm.numeric import inverse_numeric
 from ronnaplan.robot.arm.quality import singularity_deg
 from ronnaplan.robot.arm.wrist import center_mm, shoulder_mm, stretched_mm, wrist_of
-from tests.long import few_or_all
+from tests.long import few_and_others, few_or_all
 from tests.robot.arm.arms import HALF, PANDA_M, SEVEN, UR5E_M, UR10E_M, calibrated, iiwa, panda, ur
 from tests.robot.arm.test_kinematics import peer_poses, random_angles, read, weakest_direction
 
@@ -170,7 +170,7 @@ def test_by_as_much_as_is_told_one_joint_turns_into_a_singular_posture(kind: str
     assert checked == 200
 
 
-@pytest.mark.parametrize("seed", range(6))
+@few_and_others("seed", range(2), range(2, 6))
 def test_by_less_than_is_told_no_joint_turns_a_spherical_shoulder_into_a_singular_posture(seed: int) -> None:
     arm = drawn(seed, "shoulder")
     angles = random_angles(arm, 200, seed)

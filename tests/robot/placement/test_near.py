@@ -22,6 +22,7 @@ from ronnaplan.robot.placement.near import nearest_mm, what_comes_near
 from ronnaplan.robot.placement.placement import COARSE, check_parked, find_places
 from ronnaplan.robot.placement.room import Capsule, Room, Tool
 from ronnaplan.robot.placement.search import base_pose
+from tests.long import few_and_others
 from tests.robot.placement.cases import job, room
 from tests.robot.placement.test_placement import WIDE
 
@@ -58,7 +59,7 @@ def sampled_mm(machine: Machine, posture_deg: FloatArray) -> FloatArray:
     )
 
 
-@pytest.mark.parametrize("seed", range(5))
+@few_and_others("seed", range(2), range(2, 5))
 def test_how_near_they_come_is_that_of_places_along_them(seed: int) -> None:
     rng = np.random.default_rng(seed)
     machine = machine_of(kr6_r900(), room())
@@ -139,7 +140,7 @@ def test_a_posture_in_which_an_instrument_overlaps_the_wrist_is_a_collision_thou
     assert told_so == "the instrument would meet forearm from here"
 
 
-@pytest.mark.parametrize("seed", [3, 5])
+@few_and_others("seed", [3], [5])
 def test_no_place_that_is_found_has_the_tool_overlap_the_wrist(seed: int) -> None:
     given = job(seed, 1, 0, floor=WIDE)
     machine, places = machine_of(given.arm, given.room), find_places(given).places

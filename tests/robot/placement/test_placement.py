@@ -38,12 +38,20 @@ from ronnaplan.robot.placement.serving import Served
 from ronnaplan.robot.placement.tasks import drill_task
 from ronnaplan.robot.placement.world import world_of
 from tests import cases
+from tests.long import few_and_others
 from tests.robot.arm.arms import KR6, UR10E_M, calibrated_ur5e, hanging, iiwa, panda, ur
 from tests.robot.arm.test_kinematics import read
 from tests.robot.placement.cases import CENTER_MM, HEAD_MM, job, room, surface
 
 SMALL = Floor((-800.0, -650.0), (-600.0, -500.0), (850.0, 900.0))
 CEILING = Floor((-800.0, -650.0), (-300.0, -200.0), (1750.0, 1850.0))
+
+
+@pytest.fixture
+def few_further_bases_and_entries(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Thousands that serve nothing take half a minute, and 180 entries in the place of a blocked one seconds."""
+    monkeypatch.setattr("ronnaplan.robot.placement.placement.SCATTERED", 64)
+    monkeypatch.setattr("ronnaplan.robot.placement.blocking.TURNS_DEG", np.array([15.0, 45.0]))
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +96,7 @@ OTHERS = {
 """Arms of other kinds, and one under a ceiling, which of their joints are held, and their postures of reference."""
 
 
-@pytest.mark.parametrize("name", OTHERS)
+@few_and_others("name", ["calibrated", "iiwa", "hanging"], ["ur", "panda"])
 def test_other_arms_are_placed_and_reach_every_task_by_their_own_joints(name: str, tmp_path: Path) -> None:
     text, held, reference_deg = OTHERS[name]
     whole = read(text, tmp_path)
@@ -118,6 +126,7 @@ def test_other_arms_are_placed_and_reach_every_task_by_their_own_joints(name: st
         assert served.clearance_mm >= given.room.margins.clearance_mm
 
 
+@pytest.mark.usefixtures("few_further_bases_and_entries")
 def test_what_blocks_a_held_arm_is_told_by_the_names_of_its_joints_and_links(tmp_path: Path) -> None:
     text, (joint,), reference_deg = OTHERS["iiwa"]
     arm = read(text, tmp_path).holding(joint, 0.0)
@@ -132,6 +141,7 @@ def test_what_blocks_a_held_arm_is_told_by_the_names_of_its_joints_and_links(tmp
     assert "joint joint_a" in told.blocked[0]
 
 
+@pytest.mark.usefixtures("few_further_bases_and_entries")
 def test_what_blocks_is_named_by_the_two_that_are_nearest_to_each_other() -> None:
     """What came too near to the instrument was named, and not what the arm would stand in."""
     given = job(0, 1, 0, floor=SMALL)
@@ -184,7 +194,7 @@ def test_places_that_the_tracker_sees_as_poorly_are_told_apart_by_the_joints() -
     assert worths(asking(coarse, worth), others[alike]).max() <= worths(asking(coarse, worth), there)[0]
 
 
-@pytest.mark.parametrize("allowed", [(0.0, 1.0), (-1.0, 0.0), (360.0, 360.0), (0.1, 0.3)])
+@few_and_others("allowed", [(0.0, 1.0), (0.1, 0.3)], [(-1.0, 0.0), (360.0, 360.0)])
 def test_where_only_a_few_turns_are_allowed_these_are_tried(
     allowed: tuple[float, float], found: tuple[Job, Placement]
 ) -> None:
@@ -303,6 +313,7 @@ def test_the_document_says_the_same(found: tuple[Job, Placement]) -> None:
     assert "place 1: x" in placement_text(document)
 
 
+@pytest.mark.usefixtures("few_further_bases_and_entries")
 def test_a_base_that_was_measured_is_checked(found: tuple[Job, Placement]) -> None:
     given, placement = found
     moved = placement.places[0].room_from_r.copy()
@@ -320,13 +331,6 @@ def test_parking_strays_as_it_is_told() -> None:
     places = strayed(np.array([100.0, 200, 900, 30]), Parking(20.0, 3.0), 1024)
     np.testing.assert_allclose(places.mean(axis=0), [100, 200, 900, 30], atol=0.5)
     np.testing.assert_allclose(places.std(axis=0), [20, 20, 0, 3], rtol=0.03, atol=1e-12)
-
-
-@pytest.fixture
-def few_further_bases_and_entries(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Thousands that serve nothing take half a minute, and 180 entries in the place of a blocked one seconds."""
-    monkeypatch.setattr("ronnaplan.robot.placement.placement.SCATTERED", 64)
-    monkeypatch.setattr("ronnaplan.robot.placement.blocking.TURNS_DEG", np.array([15.0, 45.0]))
 
 
 @pytest.mark.usefixtures("few_further_bases_and_entries")
@@ -385,6 +389,7 @@ def test_what_a_body_would_meet_is_named_though_the_tracker_sees_not_every_roll(
     assert "would meet rail" in blocked(FROM_ABOVE, boxes=(), capsules=(low,))
 
 
+@pytest.mark.usefixtures("few_further_bases_and_entries")
 def test_a_trolley_that_cannot_stand_there_is_named_from_a_base_that_was_measured(
     found: tuple[Job, Placement],
 ) -> None:
