@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Generator
+from typing import Any
 
 import pytest
 from _pytest.doctest import DoctestModule
@@ -24,11 +25,29 @@ LONG = (
 WAITING = ("/planner/test_browser", "/node/", "/cohort/")
 """Parts of the paths of files whose tests wait for a page or for other processes, for half of their time and more."""
 
+TOGETHER = tuple(
+    f"tests/planner/test_{name}.py" for name in ("browser", "browser_access", "browser_webgl", "gate")
+)
+"""Files that look at one running planner: one worker runs them all, for to make its head takes longer than most do."""
+
 
 def pytest_configure(config: pytest.Config) -> None:
     """Leave this machine's network before anything listens."""
     isolation.isolate()
     shared.share(config)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Give each worker whole files, and one of them those that go together."""
+    from xdist.scheduler import LoadFileScheduling  # type: ignore[import-untyped]
+
+    if config.getoption("dist") != "loadfile":
+        return None
+    scheduler = LoadFileScheduling(config, log)
+    file_of = scheduler._split_scope
+    scheduler._split_scope = lambda test: TOGETHER[0] if file_of(test) in TOGETHER else file_of(test)
+    return scheduler
 
 
 @pytest.hookimpl(wrapper=True)

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from ronnaplan.cli import command_parser, main
+from ronnaplan.errors import InputError
+from tests.long import few_or_all
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -34,11 +36,19 @@ def commands(text: str) -> list[list[str]]:
     return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("ronnaplan ")]
 
 
+def undrawn(_: object) -> None:
+    raise InputError("the head is looked at in cli/test_report.py")
+
+
+@few_or_all("with_head", False, True)
 def test_every_command_runs_as_printed(
-    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], with_head: bool
 ) -> None:
+    """But for the picture of the head in its report, which takes longer than all else."""
     monkeypatch.chdir(home)
     monkeypatch.setattr("ronnaplan.report.overview.SHAPE", SMALL)
+    if not with_head:
+        monkeypatch.setattr("ronnaplan.report.overview.view_of", undrawn)
     text = README
     for printed, coarse in COARSE.items():
         assert printed in text

@@ -5,18 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from benchmarks.cases import CONDITIONS, PROTOCOLS, Case, keep, kept_cases, kept_scans, surroundings
 from benchmarks.scores import Score
 from ronnaplan.ct import CTVolume, SliceGrid
+from tests.long import few_and_others
 
 PATIENTS = {"thick": (8000, 0), "titanium": (14000, 36)}
 """Rendered patients that were looked at while tuning: the study's own stay unseen. That of titanium has a cone that,
 sunk into the skin, looks like a ball."""
 
 
-@pytest.mark.parametrize("name", PATIENTS)
+@few_and_others("name", ["titanium"], ["thick"])
 def test_a_patients_markers_are_found_within_the_goals_and_his_decoys_are_not(name: str) -> None:
     condition = next(one for one in CONDITIONS if one.name == name)
     score = Score()

@@ -9,6 +9,7 @@ from scipy import special
 from benchmarks.render_in import Series, with_balls
 from benchmarks.seen_blur import edge_blur_mm, tissue_noise_hu
 from ronnaplan.ct import CTVolume, SliceGrid
+from tests.long import few_and_others
 
 TILT = np.array([0.0, 0.4, 1.0])
 GRID = SliceGrid(np.arange(60)[:, np.newaxis] * TILT * 0.5, np.array([0, 0.5, 0]), np.array([0.45, 0, 0]), 0.5)
@@ -24,7 +25,7 @@ def disc() -> CTVolume:
     return CTVolume(np.round(1000.0 * share - 1000.0 + noise).astype(np.int16), GRID)
 
 
-@pytest.mark.parametrize("profile", ["box", "bell"])
+@few_and_others("profile", ["box"], ["bell"])
 def test_a_ball_put_in_has_its_middle_and_volume_where_they_should_be(profile: str) -> None:
     air = CTVolume(np.full((60, 100, 100), -1000, np.int16), GRID)
     series = Series("air", air, 0.5, 0.0, np.full(60, 0.5))

@@ -12,6 +12,7 @@ from benchmarks.stereo_boards import Score, row_of
 from benchmarks.stereo_boards import measure as measure_on_boards
 from phantoms.stereo_kinds import BASE, SCENES
 from phantoms.stereo_scenes import random_rig, render
+from tests.long import few_and_others
 from tests.robot.stereo.stereo_views import on_boards
 
 LOOKED_AT = 2
@@ -28,11 +29,10 @@ WHY = {
 
 DARK_LIMB = "limb darkens as the cosine"
 """Mostly refused, as not known to a fiftieth of a millimeter: robot/stereo/test_sphere_light.py has one of each."""
+ACCEPTED = [scene.name for scene in SCENES if scene.verdict == "accept" and scene.name != DARK_LIMB]
 
 
-@pytest.mark.parametrize(
-    "name", [scene.name for scene in SCENES if scene.verdict == "accept" and scene.name != DARK_LIMB]
-)
+@few_and_others("name", ACCEPTED[1::4], [name for n, name in enumerate(ACCEPTED) if n % 4 != 1])
 def test_a_ball_that_a_person_would_accept_is_measured_to_a_fiftieth_of_a_millimeter(name: str) -> None:
     score = measure(next(scene for scene in SCENES if scene.name == name), 1, LOOKED_AT)
     assert score.reasons == []

@@ -197,7 +197,7 @@ def test_a_proposal_keeps_its_distance_from_another_path_whatever_that_is_called
     terrain, plan = Terrain(cases.volume()), cases.plan()
     around = Surroundings(terrain, Rules(Limits(least_trajectory_distance_mm=2.0)))
     taken: Any = None
-    for name in ("other", "new 1", "new 2"):
+    for name in ("other", "new 1"):
         other = plan.edit("left", name=name)
         found = around.propose(
             cases.TARGET_MM + np.array([8.0, 0.0, 0.0]), other, name="new", instrument=INSTRUMENTS["pointer"]

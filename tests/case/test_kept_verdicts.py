@@ -25,8 +25,9 @@ from ronnaplan.planning import INSTRUMENTS, Landmarks, Plan
 from ronnaplan.planning.electrodes import ELECTRODES
 from ronnaplan.planning.limits import is_near
 from tests import cases
+from tests.long import few_or_all
 
-SEED, CHANGES = 20261127, 40
+SEED = 20261127
 
 
 class OtherHand:
@@ -96,13 +97,14 @@ def in_brief(judged: Judgement) -> tuple[object, ...]:
     return judged.broken, near, judged.doubts, judged.problem
 
 
-def test_what_is_kept_after_other_hands_changes_is_what_would_be_judged_anew(tmp_path: Path) -> None:
+@few_or_all("changes", 24, 40)
+def test_what_is_kept_after_other_hands_changes_is_what_would_be_judged_anew(tmp_path: Path, changes: int) -> None:
     hand = OtherHand(cases.write_case(tmp_path))
     hand.limits()
     files = replace(CaseFiles.of_folder(tmp_path), limits=tmp_path / "limits.json")
     case = OpenCase(cases.volume(), files)
     kept = glances = 0
-    for number in range(CHANGES):
+    for number in range(changes):
         hand.random.choice(np.array(hand.changes, dtype=object))()
         case.look_again()
         kept += sum(case.surroundings.knows(one, case.plan) for one in case.plan.trajectories)
@@ -115,5 +117,5 @@ def test_what_is_kept_after_other_hands_changes_is_what_would_be_judged_anew(tmp
             if glance is not None:
                 assert in_brief(glance) == in_brief(case.judge(mine)), (SEED, number)
                 glances += 1
-    assert kept > CHANGES  # of three a change
+    assert kept > changes  # of three a change
     assert glances == kept

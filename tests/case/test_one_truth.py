@@ -31,8 +31,8 @@ from ronnaplan.report.path_part import paths_part
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 from ronnaplan.untrusted import checked
 from tests import cases
+from tests.long import few_or_all
 
-CASES = 24
 REFUSED = 31
 """The seed of a case whose registration is refused, which hardly one of them is."""
 PLACES = 12
@@ -149,9 +149,10 @@ def figures(written: dict[str, Any] | None, like: dict[str, Any] | None) -> dict
     return None if written is None else {name: written[name] for name in like or written}
 
 
-def test_every_face_states_the_same_figures(tmp_path: Path) -> None:
+@few_or_all("count", 12, 24)
+def test_every_face_states_the_same_figures(tmp_path: Path, count: int) -> None:
     bases: list[str] = []
-    for seed in (*range(CASES), REFUSED):
+    for seed in (*range(count), REFUSED):
         folder = tmp_path / str(seed)
         folder.mkdir()
         case = RandomCase(folder, seed)
@@ -164,7 +165,7 @@ def test_every_face_states_the_same_figures(tmp_path: Path) -> None:
         compare_with_report(case, said)
         compare_with_registration(case, said)
         bases.append(said["trajectories"][0]["expected_error"]["basis"])
-    assert CASES / 4 < bases.count("registered") < 3 * CASES / 4, "both kinds are to be met often"
+    assert count / 4 < bases.count("registered") < 3 * count / 4, "both kinds are to be met often"
 
 
 def rules_of(case: RandomCase) -> Rules:

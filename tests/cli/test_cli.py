@@ -16,6 +16,7 @@ import pytest
 from ronnaplan.cli import command_parser, main, parse
 from ronnaplan.text import NOTICE
 from tests.cli.calls import run
+from tests.long import few_and_others
 
 ROOT = Path(__file__).resolve().parents[2]
 HEAVY = ("numpy", "scipy", "pydicom", "SimpleITK", "numba", "matplotlib", "pydantic", "cv2", "skimage")
@@ -258,7 +259,7 @@ def test_a_result_may_be_replaced_by_a_newer_one(
         assert run(["schema", "plan", "-o", "plan"], capsys)[0] == 0
 
 
-@pytest.mark.parametrize("ending", ["> /dev/full", ">&-"])
+@few_and_others("ending", ["> /dev/full"], [">&-"])
 def test_a_full_disk_or_a_closed_output_is_said_plainly(ending: str, ct_folder: Path, tmp_path: Path) -> None:
     fiducials = tmp_path / "f.json"
     assert main(["localize", str(ct_folder), "--diameter", "11.5", "-o", str(fiducials)]) == 0
@@ -301,7 +302,7 @@ def test_an_error_of_the_system_that_is_of_no_file_is_not_hidden(monkeypatch: py
         main(["schema", "plan"])
 
 
-@pytest.mark.parametrize("ending", ["2> /dev/full", "2>&-"])
+@few_and_others("ending", ["2> /dev/full"], ["2>&-"])
 def test_messages_that_nobody_can_read_get_nowhere_else(ending: str, ct_folder: Path) -> None:
     call = f"{sys.executable} -m ronnaplan localize {ct_folder} --diameter 11.5 {ending}"
     done = subprocess.run(call, shell=True, cwd=ROOT, capture_output=True, text=True, check=False)

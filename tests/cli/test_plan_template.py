@@ -8,6 +8,7 @@ import pytest
 from ronnaplan.cli import main
 from ronnaplan.documents.template import read_template_document
 from tests.cases import CT
+from tests.long import few_and_others
 from tests.planning.test_template import read_body
 
 
@@ -71,9 +72,7 @@ def test_no_other_document_is_replaced_by_the_one_beside_the_body(
     assert main(command) == main(command) == 0
 
 
-@pytest.mark.parametrize(
-    ("options", "is_told"), [(["4", "--flat"], True), (["3", "--flat"], False), (["4"], False)]
-)
+@few_and_others(("options", "is_told"), [(["4", "--flat"], True), (["3", "--flat"], False)], [(["4"], False)])
 def test_who_wants_four_flat_markers_is_told_what_their_mirror_image_costs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], is_told: bool
 ) -> None:

@@ -37,7 +37,7 @@ def test_after_prepare_localize_and_register_compile_nothing_and_import_little(t
     """Of whatever size the markers are, in fractions of HU, too, and however alike the orders that they fit in."""
     found, fractions = str(tmp_path / "fiducials.json"), str(tmp_path / "fractions.nrrd")
     scan = sitk.ReadImage([str(path) for path in sorted((ROOT / "data/synthetic_ct").glob("*.dcm"))])
-    sitk.WriteImage(sitk.Cast(scan, sitk.sitkFloat32) + 0.25, fractions)
+    sitk.WriteImage(sitk.Cast(scan, sitk.sitkFloat32)[:, :, 55:95] + 0.25, fractions)  # four of the markers
     commands = [
         ["prepare"],
         ["localize", "data/synthetic_ct", "--diameter", "auto", "-o", found],
@@ -89,7 +89,7 @@ from tests.correspondence.scenes import HEAD, bodies
 match_points(HEAD[:5], HEAD[:5])
 pair_many()
 prepared = compiled()
-for seed, (counts, outliers) in enumerate([((12,), 8), ((20, 20), 0), ((18, 14), 10), ((40,), 60), ((8, 6), 20)]):
+for seed, (counts, outliers) in enumerate([((12,), 8), ((20, 20), 0), ((40,), 60)]):
     ct, ots, _ = bodies(seed, counts, [60.0, 40.0][: len(counts)], outliers, 90.0)
     for given in ({}, {"expected": counts[0]}, {"known_pairs": [(0, 0)]}):
         match_points(ct, ots * [1, 1, -1], **given)
@@ -112,11 +112,12 @@ PLACED = (
     + """
 from ronnaplan.cli.prepare import place_robot
 from ronnaplan.robot.placement.placement import find_places
+from ronnaplan.robot.placement.room import Floor
 from tests.robot.placement.cases import job
 
 place_robot()
 prepared = compiled()
-find_places(job(1, 2, 1))
+find_places(job(1, 2, 1, floor=Floor((-800.0, -650.0), (-600.0, -500.0), (850.0, 900.0))))
 print(json.dumps([prepared, compiled()]))
 """
 )

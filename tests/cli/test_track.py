@@ -16,6 +16,7 @@ from ronnaplan.documents.reading import to_json
 from ronnaplan.tracking import read_recording
 from ronnaplan.tracking.openigtlink import DEFAULT_PORT
 from tests.documents.registrations import refused, registered
+from tests.long import few_and_others
 from tests.tracking.files import AWAY
 from tests.tracking.test_openigtlink import points, pose, server
 
@@ -35,7 +36,7 @@ def heed_all() -> None:
 
 
 @POSIX
-@pytest.mark.parametrize("ends", ["SIGINT", "SIGTERM", "SIGHUP"])
+@few_and_others("ends", ["SIGINT"], ["SIGTERM", "SIGHUP"])
 def test_ctrl_c_and_the_like_end_a_recording_and_keep_it(tmp_path: Path, ends: str) -> None:
     """SIGTERM is what `timeout` and a service's end send, SIGHUP a lost terminal."""
     for seconds in (2.0, 10.0, 30.0):  # for the message to be read: the machine may be busy

@@ -15,6 +15,7 @@ from ronnaplan.cohort.rules import CohortRule, Rules
 from ronnaplan.errors import InputError
 from tests.cohort.runs import FAKE, RULE, begun, cohort, parquet, table
 from tests.cohort.scans import SLICES, tiny
+from tests.long import few_and_others
 
 pytestmark = pytest.mark.usefixtures("log")
 
@@ -28,7 +29,7 @@ def test_a_folder_that_another_run_has_is_left_alone(tmp_path: Path) -> None:
         cohort(tmp_path)
 
 
-@pytest.mark.parametrize("protocol", ["", "file://"])
+@few_and_others("protocol", [""], ["file://"])
 def test_a_root_below_another_is_refused_for_its_series_would_count_twice(tmp_path: Path, protocol: str) -> None:
     tiny(tmp_path / "in" / "a", "6")
     tiny(tmp_path / "in b", "7")

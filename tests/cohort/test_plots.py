@@ -10,6 +10,7 @@ import pytest
 
 from ronnaplan.cohort import plots
 from ronnaplan.cohort.charts import control_chart
+from tests.long import few_and_others
 
 
 @pytest.fixture
@@ -26,7 +27,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     return found
 
 
-@pytest.mark.parametrize("scans", [8, 9, 14, 15, 260])
+@few_and_others("scans", [8, 260], [9, 14, 15])
 def test_days_below_a_chart_stand_apart(drawn: list[Any], scans: int) -> None:
     days = [f"2026-{1 + n // 28:02d}-{1 + n % 28:02d}" for n in range(scans)]
     plots.chart_plot(control_chart("A", "x", days, list(np.random.default_rng(1).standard_normal(scans))))

@@ -11,6 +11,7 @@ from ronnaplan.correspondence.priors import residual_priors, size_priors
 from ronnaplan.correspondence.told import OTHER_PATIENT, Told
 from ronnaplan.geometry import FloatArray
 from tests.correspondence.scenes import SIGMA_CT, SIGMA_OTS, ball
+from tests.long import few_or_all
 
 SPREAD, FIELD = 60.0, 300.0
 EDGES = (0.0, 0.5, 0.8, 0.9, 0.99, 1.0)
@@ -47,13 +48,14 @@ def believed_scenes(
     return ct, np.ascontiguousarray(np.take_along_axis(ots, order[:, :, None], axis=1)), partner
 
 
-def test_as_many_answers_are_wrong_as_stated_where_all_is_as_believed() -> None:
+@few_or_all("tests", 10_000, 30_000)
+def test_as_many_answers_are_wrong_as_stated_where_all_is_as_believed(tests: int) -> None:
     """But for another patient, who is neither drawn nor believed in here.
 
     A bound on what the search leaves out that is too loose makes the statement too modest, the more so as the
     field's volume is told from the points: with outliers, the markers make it seem too small.
     """
-    tests, markers, outliers = 30_000, 3, 6
+    markers, outliers = 3, 6
     ct, ots, true = believed_scenes(np.random.default_rng(2), tests, markers, outliers)
     size = markers + outliers
     constants, background = size_priors((size, size), Told(expected=markers))

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from ronnaplan.correspondence import match_points
 from tests.correspondence.scenes import SIGMA_CT, SIGMA_OTS, ball, bodies, scene
+from tests.long import few_and_others, few_or_all
 
 
 def cloud(seed: int, markers: int, outliers: int, radius: float = 300.0) -> Any:
@@ -15,9 +16,7 @@ def cloud(seed: int, markers: int, outliers: int, radius: float = 300.0) -> Any:
     return scene(seed, markers, outliers, layout=layout, radius=radius)
 
 
-@pytest.mark.parametrize(
-    ("markers", "outliers", "radius"), [(20, 20, 300.0), (100, 100, 300.0), (100, 100, 100.0)]
-)
+@few_and_others(("markers", "outliers", "radius"), [(20, 20, 300.0)], [(100, 100, 300.0), (100, 100, 100.0)])
 def test_clouds_with_half_outliers_are_paired(markers: int, outliers: int, radius: float) -> None:
     for seed in range(10):
         ct, ots, partner = cloud(seed, markers, outliers, radius)
@@ -55,7 +54,7 @@ def test_a_mirror_image_is_refused_even_where_a_flat_part_of_it_fits() -> None:
         assert "left-handed" in pairing.reason or pairing.status == "ambiguous"
 
 
-@pytest.mark.parametrize("count", [16, 24, 40])
+@few_and_others("count", [24], [16, 40])
 def test_flat_markers_are_paired_though_their_mirror_image_fits_as_well(count: int) -> None:
     """Half of these were refused as left-handed: noise alone decides whether they or their mirror image fit better."""
     for seed in range(12):
@@ -107,9 +106,10 @@ def test_known_pairs_are_honoured() -> None:
     assert match_points(ct, ots, known_pairs=[(0, int(partner[1]))]).status == "unmatched"
 
 
-@pytest.mark.parametrize(
+@few_and_others(
     ("markers", "outliers", "field"),
-    [(10, 22, 300.0), (10, 23, 300.0), (20, 40, 90.0), (18, 42, 300.0), (60, 140, 300.0)],
+    [(10, 22, 300.0), (20, 40, 90.0)],
+    [(10, 23, 300.0), (18, 42, 300.0), (60, 140, 300.0)],
 )
 def test_compact_markers_are_found_among_wide_outliers(markers: int, outliers: int, field: float) -> None:
     """One point more than 32, or 70 % outliers, and all of these were refused before."""
@@ -167,9 +167,10 @@ def test_a_marker_that_is_pointed_at_tells_which_of_two_equal_bodies_is_the_pati
         assert (partner[pairing.pairs[:, 0]] == pairing.pairs[:, 1]).all()
 
 
-def test_of_two_equal_bodies_neither_is_taken_where_outliers_are_dense() -> None:
+@few_or_all("cases", 3, 8)
+def test_of_two_equal_bodies_neither_is_taken_where_outliers_are_dense(cases: int) -> None:
     """One was accepted in a third of the scenes, with up to 0.9995."""
-    for seed in range(8):
+    for seed in range(cases):
         ct, ots, _ = bodies(7000 + seed, [40, 40], [90.0, 90.0], 120, 45.0)
         assert match_points(ct, ots).status != "unique", seed
 
@@ -220,9 +221,10 @@ def test_a_reading_that_errs_without_measure_is_left_out_and_no_other(markers: i
     assert set(range(markers)) - set(pairing.pairs[:, 0].tolist()) == {3}
 
 
-def test_markers_are_found_among_four_times_as_many_outliers_that_are_denser() -> None:
+@few_or_all("cases", 3, 8)
+def test_markers_are_found_among_four_times_as_many_outliers_that_are_denser(cases: int) -> None:
     """Most were refused: when the allowed work was done, an equal pose could still have been missed."""
-    for seed in range(8):
+    for seed in range(cases):
         ct, ots, partner = bodies(seed, [40], [90.0], 160, 45.0)
         pairing = match_points(ct, ots)
         assert pairing.status == "unique", (seed, pairing.reason)

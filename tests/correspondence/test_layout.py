@@ -14,6 +14,7 @@ from ronnaplan.correspondence.evidence import FEW_PAIRS, MOST_ODDS_IF_LARGER, SC
 from ronnaplan.correspondence.layout import LOWEST_SIGMAS, MIRROR_REACH_MM, QUADRATURE_STEPS, Layout
 from ronnaplan.errors import InputError, RonnaplanError
 from tests.correspondence.scenes import HEAD, SIGMA_CT, SIGMA_OTS
+from tests.long import few_and_others
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -111,7 +112,7 @@ def test_the_rival_distance_follows_scale_and_ignores_pose_and_order(seed: int, 
     assert describe_layout(moved).rival_distance_mm == pytest.approx(expected_mm, rel=1e-5, abs=1e-4)
 
 
-@pytest.mark.parametrize("difference", [2.0, 4.0])
+@few_and_others("difference", [2.0], [4.0])
 def test_the_refusal_probability_is_what_simulation_finds(difference: Any) -> None:
     triangle = np.array([[-40.0, 0, 0], [40, 0, 0], [0.5 * difference, 90, 0]])
     rng = np.random.default_rng(6)
@@ -122,7 +123,7 @@ def test_the_refusal_probability_is_what_simulation_finds(difference: Any) -> No
     assert refused / 600 == pytest.approx(describe_layout(triangle).refusal_probability(), abs=0.08)
 
 
-@pytest.mark.parametrize("away_mm", [3.5, 5.0, 6.0])
+@few_and_others("away_mm", [5.0], [3.5, 6.0])
 def test_the_refusal_probability_of_regular_markers_is_what_simulation_finds(away_mm: float) -> None:
     """Six markers about an axis, as an even spread has them, were said to be refused in 3 % at 3.4 mm; 95 % were."""
     even = np.array([[0, 0, 0], [60, 0, 0], [60, 60, 0], [0, 60, 0], [30, 30, 40], [30, 30, 90.0]])

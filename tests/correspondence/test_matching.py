@@ -12,6 +12,7 @@ from ronnaplan.correspondence import match_by_similarity, match_points
 from ronnaplan.correspondence.told import Told
 from ronnaplan.errors import InputError, RonnaplanError
 from tests.correspondence.scenes import HEAD, SIGMA_CT, SIGMA_OTS, ball, is_right, scene
+from tests.long import few_and_others
 
 
 @pytest.mark.parametrize(("markers", "outliers"), [(4, 0), (4, 4), (5, 2), (8, 0), (8, 4)])
@@ -217,7 +218,7 @@ def test_collinear_markers_are_refused() -> None:
     assert "one line" in pairing.reason
 
 
-@pytest.mark.parametrize(("count", "tests"), [(3, 300), (4, 300), (8, 300), (12, 60)])
+@few_and_others(("count", "tests"), [(3, 300), (4, 300)], [(8, 300), (12, 60)])
 def test_the_markers_of_another_patient_are_refused(count: int, tests: int) -> None:
     rng = np.random.default_rng(count)
     statuses = [match_points(ball(rng, count, 100.0), ball(rng, count, 100.0)).status for _ in range(tests)]

@@ -8,6 +8,7 @@ import pytest
 from ronnaplan.correspondence import Pairing, match_points
 from ronnaplan.geometry import FloatArray
 from tests.correspondence.scenes import SIGMA_CT, SIGMA_OTS
+from tests.long import few_and_others, few_or_all
 
 FLIPPED = np.array([1.0, 1.0, -1.0])
 
@@ -25,7 +26,7 @@ def head(seed: int, markers: int, outliers: int, height_mm: float | None = None)
     return read[0], read[1]
 
 
-@pytest.mark.parametrize("markers", [5, 6, 8, 10, 14])
+@few_and_others("markers", [5, 8], [6, 10, 14])
 @pytest.mark.parametrize("outliers", [0, 2])
 @pytest.mark.parametrize("told", [True, False])
 def test_left_handed_coordinates_are_told_as_such(markers: int, outliers: int, told: bool) -> None:
@@ -82,17 +83,18 @@ def test_a_part_of_many_markers_that_fits_its_mirror_image_is_not_taken_for_them
     assert "left-handed" in match_points(ct, ots * FLIPPED).reason
 
 
-@pytest.mark.parametrize(("markers", "outliers"), [(17, 0), (32, 0), (50, 0), (40, 60)])
-def test_many_left_handed_readings_are_told_as_such_too(markers: int, outliers: int) -> None:
+@few_and_others(("markers", "outliers"), [(17, 0), (32, 0)], [(50, 0), (40, 60)])
+@few_or_all("cases", 3, 6)
+def test_many_left_handed_readings_are_told_as_such_too(markers: int, outliers: int, cases: int) -> None:
     """Most were refused as ambiguous: of so many markers some parts fit their mirror image."""
-    for seed in range(6):
+    for seed in range(cases):
         ct, ots = head(seed, markers, outliers)
         pairing = match_points(ct, ots * FLIPPED)
         assert pairing.status == "unmatched", seed
         assert "left-handed" in pairing.reason, seed
 
 
-@pytest.mark.parametrize(("markers", "outliers"), [(24, 0), (40, 0), (40, 40)])
+@few_and_others(("markers", "outliers"), [(24, 0), (40, 0)], [(40, 40)])
 def test_many_left_handed_readings_of_a_plate_are_noticed_by_its_thickness(markers: int, outliers: int) -> None:
     """Two of five were paired, at 0.9999 and more: nearly as many markers fit their mirror image."""
     for seed in range(6):

@@ -18,6 +18,7 @@ from ronnaplan.correspondence.trials import STOPPED, stopping_line
 from ronnaplan.geometry import FloatArray
 from ronnaplan.rigid import fit_closed_form
 from tests.correspondence.scenes import SIGMA_CT, SIGMA_OTS, ball, bodies
+from tests.long import few_and_others
 
 
 def problem_of(ct: FloatArray, ots: FloatArray) -> Problem:
@@ -103,9 +104,10 @@ def test_a_search_that_was_given_up_says_so() -> None:
     assert "given up" in pairing.reason
 
 
-@pytest.mark.parametrize(
+@few_and_others(
     ("count", "radii", "outliers", "field", "tests"),
-    [(14, (90.0, 150.0), 40, 300.0, 150), (40, (90.0, 90.0), 120, 45.0, 40)],
+    [(14, (90.0, 150.0), 40, 300.0, 150)],
+    [(40, (90.0, 90.0), 120, 45.0, 40)],
     ids=["wide outliers", "dense outliers"],
 )
 def test_a_planted_rival_is_missed_no_more_often_than_is_stated(

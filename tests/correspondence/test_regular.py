@@ -8,6 +8,7 @@ from ronnaplan.correspondence import match_points
 from ronnaplan.correspondence.chance import Claims
 from ronnaplan.geometry import FloatArray
 from tests.correspondence.scenes import SIGMA_CT, SIGMA_OTS
+from tests.long import few_and_others
 
 
 def test_a_lattice_is_ambiguous() -> None:
@@ -60,10 +61,11 @@ def with_a_half_turn(count: int) -> FloatArray:
     return np.vstack([half, half * np.array([-1.0, -1.0, 1.0])])
 
 
-@pytest.mark.parametrize(
+@few_and_others(
     "points",
-    [with_a_half_turn(10), with_a_half_turn(12), with_a_half_turn(40), circle(100, 90.0), circle(200, 80.0)],
-    ids=["10 twofold", "12 twofold", "40 twofold", "circle of 100", "dense circle of 200"],
+    [with_a_half_turn(10), with_a_half_turn(40), circle(100, 90.0)],
+    [with_a_half_turn(12), circle(200, 80.0)],
+    ids=["10 twofold", "40 twofold", "circle of 100", "12 twofold", "dense circle of 200"],
 )
 def test_regular_markers_are_refused_however_the_noise_falls(points: FloatArray) -> None:
     for seed in range(40 if len(points) < 20 else 4):

@@ -10,6 +10,7 @@ from ronnaplan.ct import VolumeFlag, read_ct
 from ronnaplan.geometry import FloatArray
 from tests.ct.makers import Change, write_series
 from tests.ct.test_stack import placed
+from tests.long import few_and_others
 
 SLICES = 48
 
@@ -26,7 +27,7 @@ def written(folder: Path, heights_mm: FloatArray, sideways: float = 0.0) -> Path
     return write_series(folder, len(rounded), placed(rounded.tolist(), SliceThickness=0.5))
 
 
-@pytest.mark.parametrize("gap_mm", [0.625, 1.25, 0.45, 0.9375])
+@few_and_others("gap_mm", [0.625, 0.45], [1.25, 0.9375])
 def test_slices_of_rounded_positions_lie_where_the_scanner_put_them(tmp_path: Path, gap_mm: float) -> None:
     volume = read_ct(written(tmp_path, heights(gap_mm)))
     assert VolumeFlag.ROUNDED in volume.flags
@@ -61,7 +62,7 @@ def test_a_missing_slice_is_not_hidden_where_slices_are_as_fine_as_the_rounding(
     assert volume.grid.slice_positions_mm == pytest.approx(kept, abs=1e-9)
 
 
-@pytest.mark.parametrize("behind", [12, 24, 36])
+@few_and_others("behind", [12], [24, 36])
 def test_a_table_that_jumped_by_less_than_the_rounding_is_not_evened(tmp_path: Path, behind: int) -> None:
     """All slices were within 0.075 mm of an even line, but are not the rounding of one."""
     jumped = np.where(np.arange(SLICES) >= behind, heights() + 0.07, heights())
@@ -125,16 +126,18 @@ def test_a_pixel_spacing_without_its_last_digits_is_told_by_the_diameter(
     assert volume.grid.column_spacing_mm == pytest.approx(float(spacing), abs=1e-12)
 
 
-@pytest.mark.parametrize(
+@few_and_others(
     ("spacing", "diameter", "columns"),
     [
         ("0.46875", "240", 512),
+        ("0.468", None, 512),
+        ("0.938", "240", 512),  # a larger picture than was reconstructed
+    ],
+    [
         ("0.4882812", "250.0000000", 512),
         ("0.625", "320", 512),
         ("0.977", "500", 512),  # 0.04 %
-        ("0.468", None, 512),
         ("0.468", "240", 400),  # cropped
-        ("0.938", "240", 512),  # a larger picture than was reconstructed
         ("0.25", "160", 641),  # a cone beam's voxels, one more than fill it
     ],
 )

@@ -189,7 +189,7 @@ def test_clipped_zirconia_is_found_though_it_absorbs_twice_as_much_as_steel(diam
     assert all(one.flags == (FiducialFlag.CLIPPED,) for one in found)
 
 
-@pytest.mark.parametrize("with_balls", [False, True])
+@few_and_others("with_balls", [True], [False])
 def test_no_cut_of_a_rod_that_thick_slices_show_is_a_ball(with_balls: bool) -> None:
     """Each of 2 mm looked like a ball of 3 mm in slices of 0.02 to 0.8 mm: eight and more, 1 to 20 mm from any."""
     tops = np.array([(-15.0, -12.0, 3.1), (14.0, -10.0, -2.4), (1.0, 15.0, 0.3)])

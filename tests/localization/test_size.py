@@ -16,6 +16,7 @@ from ronnaplan.localization import Build, Size, common_diameter, size, sizes_see
 from ronnaplan.localization.examine import Examined
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.size import commonest, proposal
+from tests.long import few_and_others
 from tests.scans import balls, scan, small_stack
 
 PLACES = [(-14.3, -12.2, -3.1), (13.6, 11.7, 2.4), (15.1, -13.8, 5.3), (-13.0, 12.5, -6.0), (0.3, 0.8, 15.2)]
@@ -102,7 +103,7 @@ def test_a_size_that_is_as_common_but_less_round_is_fitted_to_the_end(more: int)
             common_diameter(volume)
 
 
-@pytest.mark.parametrize("stated_mm", [4.0, 11.5])
+@few_and_others("stated_mm", [4.0], [11.5])
 def test_metal_that_the_scale_does_not_hold_has_no_size(stated_mm: float) -> None:
     volume = scan(balls(PLACES[:4], stated_mm, "titanium"), small_stack(thickness_mm=0.6, spacing_mm=0.6))
     with pytest.raises(

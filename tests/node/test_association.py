@@ -19,6 +19,7 @@ from ronnaplan.node.archives import FIND, GET, open_archive
 from ronnaplan.node.association import associated
 from ronnaplan.node.config import Config, Limits, Peer
 from tests.ct import makers
+from tests.long import few_and_others
 from tests.node.peers import (
     Listening,
     associate,
@@ -61,10 +62,11 @@ def _answer(peer: socket.socket) -> bytes:
         return b""
 
 
-@pytest.mark.parametrize(
+@few_and_others(
     "begun",
-    [b"", association_request()[:40], b"\x04\x00\x00\x00\x10\x00" + bytes(100)],
-    ids=["silent", "half", "data"],
+    [association_request()[:40]],
+    [b"", b"\x04\x00\x00\x00\x10\x00" + bytes(100)],
+    ids=["half", "silent", "data"],
 )
 def test_a_peer_that_hangs_is_cut_off_and_others_are_served(begun: bytes, tmp_path: Path) -> None:
     with listening(tmp_path, limits={"silent_s": 2.0, "least_free_mib": 1}) as node:

@@ -17,6 +17,7 @@ from ronnaplan.node.browse import Shelf, listed_series, thumbnail
 from ronnaplan.node.config import Config, Peer
 from ronnaplan.node.pull import Wanted
 from tests.ct import makers
+from tests.long import few_and_others
 from tests.node.peers import Orthanc, free_port, save
 
 STUDY, CT, OTHER = "1.2.3.600", "1.2.3.600.1", "1.2.3.600.2"
@@ -43,7 +44,7 @@ def archive(orthanc: Orthanc, tmp_path_factory: pytest.TempPathFactory) -> Ortha
     return orthanc
 
 
-@pytest.mark.parametrize("way", ["get", "move", "web"])
+@few_and_others("way", ["get", "web"], ["move"])
 def test_series_are_listed_each_with_a_picture_of_its_middle(way: str, archive: Orthanc, tmp_path: Path) -> None:
     port = free_port()
     archive.know("node", "RONNAPLAN", port)

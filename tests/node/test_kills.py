@@ -8,10 +8,13 @@ import sys
 
 import pytest
 
+from tests.long import few_or_all
+
 
 @pytest.mark.skipif(sys.platform != "linux", reason="children are found in /proc")
-def test_a_node_killed_amid_traffic_loses_nothing_and_answers_each_series_once() -> None:
-    command = [sys.executable, "-m", "tests.node.killing", "--kills", "2", "--seed", "3"]
+@few_or_all("kills", 1, 2)
+def test_a_node_killed_amid_traffic_loses_nothing_and_answers_each_series_once(kills: int) -> None:
+    command = [sys.executable, "-m", "tests.node.killing", "--kills", str(kills), "--seed", "3"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     found = json.loads(done.stdout)
     assert found["wrong"] == []

@@ -18,6 +18,7 @@ from ronnaplan.jobs.localizing import warm_up
 from ronnaplan.node.sr import MARKERS, PLANNED, planned_trajectories, structured_report
 from ronnaplan.planning import Plan
 from tests.ct import makers
+from tests.long import few_and_others
 from tests.node.peers import save
 
 
@@ -45,7 +46,10 @@ def reported(folder: Path, *without: str) -> Dataset:
     return structured_report(document, patient_of_scan(folder, source), images)
 
 
-@pytest.mark.parametrize("without", sorted({*PATIENT, *STUDY} - {"StudyInstanceUID"}))
+LEFT_OUT = sorted({*PATIENT, *STUDY} - {"StudyInstanceUID"})
+
+
+@few_and_others("without", LEFT_OUT[::4], [name for n, name in enumerate(LEFT_OUT) if n % 4])
 def test_what_a_scanner_leaves_out_is_empty(without: str, tmp_path: Path) -> None:
     assert not reported(tmp_path, without).get(without)
 

@@ -16,6 +16,7 @@ from pynetdicom.association import Association
 from pynetdicom.dsutils import encode
 
 from tests.ct import makers
+from tests.long import few_and_others
 from tests.node.peers import Listening, associate, needs, save, send, until
 
 VERIFICATION = "1.2.840.10008.1.1"
@@ -78,7 +79,7 @@ def status_of(association: Association, *pdus: bytes) -> tuple[int, int]:
     return answer.MessageIDBeingRespondedTo, answer.Status
 
 
-@pytest.mark.parametrize("size", [20, 1000, 1 << 16])
+@few_and_others("size", [20], [1000, 1 << 16])
 @pytest.mark.parametrize("is_one_pdu", [False, True])
 def test_an_instance_in_any_fragments_is_kept_as_it_is(node: Listening, size: int, is_one_pdu: bool) -> None:
     made = makers.dataset(0)

@@ -12,6 +12,7 @@ from phantoms.library import READY, ready
 from phantoms.markers import KINDS, marker, x_frame
 from phantoms.patients import random_patient
 from phantoms.stack import axial_stack
+from tests.long import few_and_others
 
 
 @pytest.mark.parametrize("name", READY)
@@ -68,7 +69,7 @@ def test_a_random_patient_is_fixed_by_its_seed() -> None:
     assert not np.allclose(one.scene.markers[0].center_mm, other.scene.markers[0].center_mm)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@few_and_others("kind", [*KINDS][::4], [kind for n, kind in enumerate(KINDS) if n % 4])
 def test_random_patients_are_sound(kind: str) -> None:
     for seed in range(4):
         examination = random_patient(seed, kind=kind, uneven=seed % 2 == 1, tilt_deg=5.0 * seed)

@@ -17,6 +17,7 @@ from phantoms.patients import random_patient
 from phantoms.scene import Part, Scene
 from phantoms.solids import FloatArray, sphere
 from phantoms.stack import axial_stack
+from tests.long import few_and_others
 
 FOOT = Foot(np.zeros(3), np.array([0.0, 0.6, 0.8]))
 BALL = MarkerKind(11.5, "acrylic")
@@ -104,7 +105,7 @@ def test_what_is_drawn_stays_within_what_makers_promise() -> None:
     assert len({one.seed for one in drawn}) == 200
 
 
-@pytest.mark.parametrize("covering", ["any", "gauze"])
+@few_and_others("covering", ["any"], ["gauze"])
 def test_patients_with_markers_as_they_are_are_sound(covering: str) -> None:
     for seed in range(6):
         scene = random_patient(seed, kind="any", as_made=True, covering=covering, touching=seed % 2).scene.check()

@@ -19,6 +19,7 @@ from phantoms.scanner import Scanner
 from phantoms.scene import Decoy, Marker, Part, Scene
 from phantoms.solids import FloatArray, sphere
 from phantoms.stack import SliceStack, axial_stack
+from tests.long import few_and_others
 
 CENTER = np.array([21.3, -9.7, 4.2])
 BALL = Scene(
@@ -40,7 +41,7 @@ def centroid(machine: Machine, scene: Scene = BALL, stack: SliceStack = STACK) -
     return phantom_measures.centroid(images + 1000.0, part, CENTER, 9)
 
 
-@pytest.mark.parametrize("machine", [AXIAL, CONE, HELIX], ids=["axial", "cone beam", "helix"])
+@few_and_others("machine", [CONE], [AXIAL, HELIX], ids=["cone beam", "axial", "helix"])
 def test_who_has_moved_before_the_scan_is_scanned_where_he_is(machine: Machine) -> None:
     (place,) = MOVED.path(CENTER, np.array([0.5]))
     assert np.linalg.norm(place - CENTER) > 0.5

@@ -21,6 +21,7 @@ from phantoms.scene import Part, Scene
 from phantoms.series import TRANSFER_SYNTAXES, SeriesOptions
 from phantoms.solids import sphere
 from phantoms.stack import SliceStack, axial_stack
+from tests.long import few_and_others
 
 
 @pytest.fixture
@@ -37,7 +38,7 @@ def stack() -> SliceStack:
     )
 
 
-@pytest.mark.parametrize("syntax", TRANSFER_SYNTAXES)
+@few_and_others("syntax", ["explicit", "jpeg-2000"], sorted({*TRANSFER_SYNTAXES} - {"explicit", "jpeg-2000"}))
 def test_written_values_and_places_are_read_back(
     tmp_path: Path, scene: Scene, stack: SliceStack, syntax: str
 ) -> None:
@@ -99,7 +100,7 @@ def test_a_disk_that_fills_amid_the_pixels_is_told_in_a_sentence_and_leaves_noth
 
 
 @pytest.mark.skipif(shutil.which("dciodvfy") is None, reason="dciodvfy of Debian's dicom3tools is not installed")
-@pytest.mark.parametrize("options", [SeriesOptions(), SeriesOptions(padding_hu=-2000, transfer_syntax="jpeg-ls")])
+@few_and_others("options", [SeriesOptions()], [SeriesOptions(padding_hu=-2000, transfer_syntax="jpeg-ls")])
 def test_an_independent_validator_finds_no_fault(
     tmp_path: Path, scene: Scene, stack: SliceStack, options: SeriesOptions
 ) -> None:

@@ -13,6 +13,7 @@ from phantoms.scanner import Scanner, rows_per_slice
 from phantoms.scene import Part, Scene
 from phantoms.solids import FloatArray, box, cylinder, half_space, sphere
 from phantoms.stack import SliceStack, axial_stack
+from tests.long import few_and_others, few_or_all
 
 QUIET = Scanner(dose=0.0)
 FEW_VIEWS = Scanner(dose=0.0, views=60)
@@ -52,8 +53,8 @@ def test_noise_follows_dose_and_the_seed_repeats_it() -> None:
     assert (again != images(WATER_DISC, stack, Scanner(), seed=3)).any()
 
 
-@pytest.mark.parametrize("tilt_deg", [0.0, -15.0])
-@pytest.mark.parametrize("orientation", [np.eye(3), TURN], ids=["axial", "oblique"])
+@few_and_others("tilt_deg", [-15.0], [0.0])
+@few_and_others("orientation", [TURN], [np.eye(3)], ids=["oblique", "axial"])
 def test_a_ball_is_where_it_should_be(tilt_deg: float, orientation: FloatArray) -> None:
     center = orientation @ [30.31, -20.17, 0.43]
     stack = ball_stack(tilt_deg=tilt_deg, orientation=orientation, center_mm=(30, -20, 0))
@@ -61,9 +62,10 @@ def test_a_ball_is_where_it_should_be(tilt_deg: float, orientation: FloatArray) 
     assert centroid == pytest.approx(center, abs=0.002)
 
 
-def test_mass_is_kept_across_kernels_and_slice_thickness() -> None:
+@few_or_all("kernels", [*KERNELS][::3], [*KERNELS])
+def test_mass_is_kept_across_kernels_and_slice_thickness(kernels: list[str]) -> None:
     center = np.array([0.3, 0.2, 0.1])
-    masses = [ball_mass(center, ball_stack(), Scanner(dose=0, views=120, kernel=name))[1] for name in KERNELS]
+    masses = [ball_mass(center, ball_stack(), Scanner(dose=0, views=120, kernel=name))[1] for name in kernels]
     masses += [
         ball_mass(center, ball_stack(spacing_mm=s, thickness_mm=t), Scanner(dose=0, views=120))[1]
         for s, t in ((2, 3), (0.5, 1))
@@ -80,7 +82,7 @@ def test_a_slab_of_a_scan_equals_that_part_of_the_whole() -> None:
     )
 
 
-@pytest.mark.parametrize("tilt_deg", [0.0, 12.0])
+@few_and_others("tilt_deg", [12.0], [0.0])
 def test_a_cropped_scan_shows_the_same_voxels(tilt_deg: float) -> None:
     scene = Scene((*WATER_DISC.parts, Part(sphere((30, -20, 3), 11.5), "acrylic")))
     whole = axial_stack(start_mm=-6, stop_mm=12, spacing_mm=3, matrix=100, field_of_view_mm=150, tilt_deg=tilt_deg)

@@ -14,6 +14,7 @@ import pyigtl
 import pytest
 
 from tests import cases
+from tests.long import few_and_others
 from tests.planner.browser import (
     Planner,
     eventually,
@@ -60,7 +61,7 @@ def test_every_view_shows_something(browser: Any, shared: Planner) -> None:
     assert dashed == {"axial": 1, "inline": 0, "head": 0}  # what is drawn in full is not dashed, too
 
 
-@pytest.mark.parametrize(("width", "height"), [(1280, 800), (2560, 1440), (390, 600)])
+@few_and_others(("width", "height"), [(1280, 800), (390, 600)], [(2560, 1440)])
 def test_nothing_falls_off_the_screen(browser: Any, shared: Planner, width: int, height: int) -> None:
     page = opened(browser, shared.url, width, height)
     page.wait_for_function("document.getElementById('verdict')?.textContent")  # at the end of the panel, unseen
@@ -87,7 +88,7 @@ UPPER_LETTERS_ON_TITLES = """() => [...document.querySelectorAll(".rp-edge-2")].
   one.closest(".rp-view").querySelector(".rp-title").getBoundingClientRect().bottom).length"""
 
 
-@pytest.mark.parametrize(("width", "height", "cut"), [(960, 540, 0), (683, 384, 2), (1024, 768, 0)])
+@few_and_others(("width", "height", "cut"), [(683, 384, 2)], [(960, 540, 0), (1024, 768, 0)])
 def test_titles_are_read_where_the_page_is_enlarged(
     browser: Any, shared: Planner, width: int, height: int, cut: int
 ) -> None:
@@ -109,7 +110,7 @@ def test_titles_are_read_where_the_page_is_enlarged(
     page.wait_for_function("document.querySelector('.rp-axial').clientHeight > innerHeight / 3")
 
 
-@pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844)])
+@few_and_others(("width", "height"), [(390, 844)], [(1280, 800)])
 def test_a_name_without_blanks_takes_nothing_off_the_panel(
     browser: Any, kept: Planner, width: int, height: int
 ) -> None:

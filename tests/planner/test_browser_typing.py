@@ -166,8 +166,8 @@ def test_what_is_no_number_by_the_letter_is_refused(state: PlannerState, typed: 
 
 
 @needs_browser
-def test_what_is_refused_is_told_where_the_panel_is_scrolled_to(browser: Any, shared: Planner) -> None:
-    page = opened(browser, shared.url)
+def test_what_is_refused_is_told_where_the_panel_is_scrolled_to(browser: Any, kept: Planner) -> None:
+    page = opened(browser, kept.url)
     page.wait_for_selector("#measures tr")  # the panel is as long as it gets
     page.evaluate("document.getElementById('landmark-AC').scrollIntoView()")
     page.fill("#landmark-AC", "1, 2")

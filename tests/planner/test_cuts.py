@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import cv2
 import numpy as np
 import pytest
@@ -17,9 +19,13 @@ PIXELS = 400
 WINDOW = (-1000.0, 200.0)
 
 
+@cache
+def scanned(tilt_deg: float = 0.0) -> SliceSampler:
+    return SliceSampler.of(scan(balls([tuple(CENTER)]), small_stack(tilt_deg=tilt_deg)))
+
+
 def drawn(cut: Cut, shape: tuple[int, int], tilt_deg: float = 0.0) -> np.ndarray:
-    volume = scan(balls([tuple(CENTER)]), small_stack(tilt_deg=tilt_deg))
-    return picture(SliceSampler.of(volume), cut, WINDOW, shape)
+    return picture(scanned(tilt_deg), cut, WINDOW, shape)
 
 
 def decoded(data: bytes) -> np.ndarray:
@@ -44,13 +50,12 @@ def test_a_marker_is_a_disc_of_its_size_where_the_screen_coordinates_say(
 def test_a_cut_along_the_voxels_holds_what_it_does_by_the_way_for_oblique_ones(
     view: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scanned = SliceSampler.of(scan(balls([tuple(CENTER)]), small_stack()))
     right, down = STANDARD[view]
     for cut in (Cut(right, down, CENTER + 0.37, 40.0), Cut(right, down, CENTER + 25.0, 60.0)):
-        quick = sampled(scanned, cut, (150, 190))
+        quick = sampled(scanned(), cut, (150, 190))
         with monkeypatch.context() as patched:
             patched.setattr("ronnaplan.scene.sampled._level_axis", lambda *_: None)
-            np.testing.assert_allclose(quick, sampled(scanned, cut, (150, 190)), rtol=0, atol=0.1)
+            np.testing.assert_allclose(quick, sampled(scanned(), cut, (150, 190)), rtol=0, atol=0.1)
 
 
 def test_the_patients_left_is_on_the_right_and_the_head_is_up() -> None:

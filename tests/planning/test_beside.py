@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation
 
 from phantoms.stack import axial_stack
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import Head
 from ronnaplan.planning.beside import beside
+from tests.long import few_and_others
 from tests.scans import offsets_mm, on_grid
 
 HALF_AXES_MM = np.array([66.0, 80.0, 74.0])
@@ -45,7 +45,7 @@ def lying(stack: str) -> tuple[Head, FloatArray, FloatArray]:
     return scanned, places[(post | bar) & apart], places[shell]
 
 
-@pytest.mark.parametrize("stack", STACKS)
+@few_and_others("stack", ["axial", "coronal", "thick and tilted"], ["from crown to feet", "fine and noisy"])
 def test_posts_and_bars_are_covered_but_not_what_goes_on_to_the_table(stack: str) -> None:
     head, standing_mm, shell_mm = lying(stack)
     balls = beside(head)

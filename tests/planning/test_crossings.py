@@ -13,11 +13,12 @@ from ronnaplan.planning import Head
 from ronnaplan.planning.crossings import find_crossings
 from ronnaplan.planning.layers import Way
 from ronnaplan.planning.surface import Surface
-from tests.planning.heads import BRAIN, FOOT, SCALP, SKULL, STACKS, normal, paths, reach, scanned
+from tests.long import few_and_others
+from tests.planning.heads import BRAIN, FOOT, SCALP, SKULL, normal, paths, reach, scanned
 from tests.scans import scan
 
 
-@pytest.mark.parametrize("stack", STACKS)
+@few_and_others("stack", ["tilted", "uneven"], ["plain", "oblique"])
 def test_each_surface_equals_its_closed_form(stack: str) -> None:
     head = scanned(stack)
     for start, outward in paths(12, seed=5):

@@ -7,12 +7,12 @@ import pytest
 
 from ronnaplan.planning.compiled import way_out as compiled_way_out
 from ronnaplan.planning.layers import LONGEST_WAY_MM, STEP_MM, Way, way_out
-from tests.long import few_or_all
-from tests.planning.heads import STACKS, scanned
+from tests.long import few_and_others, few_or_all
+from tests.planning.heads import scanned
 
 
 @few_or_all("cases", 80, 200)
-@pytest.mark.parametrize("stack", STACKS)
+@few_and_others("stack", ["plain", "tilted"], ["uneven", "oblique"])
 def test_both_searches_agree(stack: str, cases: int) -> None:
     head = scanned(stack, post=True, wire=True) if stack == "plain" else scanned(stack)
     scan, generator = head.scan, np.random.default_rng(8)

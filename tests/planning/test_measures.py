@@ -15,7 +15,8 @@ from ronnaplan.planning import Instrument, Landmarks, Trajectory, measure
 from ronnaplan.planning.apart import spacings
 from ronnaplan.planning.measures import DEEPEST_ENTRY_MM
 from ronnaplan.planning.obstacles import POST_RADIUS_MM, Kind, PostedMarker, Voxels, markers_on, metal
-from tests.planning.heads import BRAIN, FOOT, SCALP, SKULL, STACKS, normal, paths, reach, scanned
+from tests.long import few_and_others
+from tests.planning.heads import BRAIN, FOOT, SCALP, SKULL, normal, paths, reach, scanned
 
 CT = Frame("CT", "1.2.3")
 ELECTRODE = Instrument("electrode", 0.8, 150.0)
@@ -25,7 +26,7 @@ def path(target: FloatArray, outward: FloatArray, name: str = "A") -> Trajectory
     return Trajectory(name, target + reach(target, outward, SCALP) * outward, target, CT, ELECTRODE)
 
 
-@pytest.mark.parametrize("stack", STACKS)
+@few_and_others("stack", ["tilted", "uneven"], ["plain", "oblique"])
 def test_depths_thickness_and_angle(stack: str) -> None:
     for target, outward in paths(4, seed=9):
         measured = measure(path(target, outward), scanned(stack))
@@ -75,7 +76,7 @@ def test_the_profile_shows_each_tissue_at_its_depth() -> None:
     assert measured.profile_mm[-1] == pytest.approx(measured.length_mm)
 
 
-@pytest.mark.parametrize("stack", STACKS)
+@few_and_others("stack", ["tilted", "uneven"], ["plain", "oblique"])
 def test_distance_to_a_no_go_box_of_voxels_on_any_stack(stack: str) -> None:
     """A block of voxels is a box along the slice axes: a path beside its face keeps a distance known exactly."""
     head = scanned(stack)
@@ -223,7 +224,7 @@ def test_an_impossible_trajectory_is_refused(options: dict[str, object]) -> None
         Trajectory(**{**settings, **options})  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("stack", STACKS)
+@few_and_others("stack", ["tilted", "uneven"], ["plain", "oblique"])
 def test_an_obstacle_holds_exactly_its_voxels_and_lists_those_at_its_surface(stack: str) -> None:
     head = scanned(stack)
     generator = np.random.default_rng(5)

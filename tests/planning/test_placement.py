@@ -36,7 +36,7 @@ def half_scalp(count: int) -> Sites:
 
 @pytest.fixture(scope="module")
 def sites() -> Sites:
-    return half_scalp(1000)  # 697 places are enough to choose from
+    return half_scalp(600)  # 418 places are enough to choose from
 
 
 def test_places_in_the_lower_half_are_named_unless_a_lowest_is_said(sites: Sites) -> None:

@@ -14,6 +14,7 @@ from ronnaplan.planning.candidates import Field, cast, spread_directions
 from ronnaplan.planning.limits import all_pass, judge
 from ronnaplan.planning.obstacles import Kind, Obstacle, PostedMarker, Voxels
 from ronnaplan.planning.uncertainty import Basis, Expectation, ExpectedPose
+from tests.long import few_and_others
 from tests.planning.heads import SCALP, SKULL, normal, reach, scanned
 
 TARGET = np.array([10.0, -6.0, 25.0])
@@ -31,7 +32,7 @@ def vessel(center: tuple[float, float, float], radius_mm: float, stack: str = "p
     return Voxels.of(Kind.NO_GO, "vessel", mask, head)
 
 
-@pytest.mark.parametrize("stack", ["plain", "tilted"])
+@few_and_others("stack", ["tilted"], ["plain"])
 def test_no_proposal_breaks_a_limit(stack: str) -> None:
     head = scanned(stack)
     other = Trajectory("other", np.array([20.0, -10, 74]), np.array([15.0, 0, 40]), Frame("CT", "1.2.3"))

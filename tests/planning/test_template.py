@@ -33,7 +33,7 @@ from ronnaplan.planning.template_layout import (
 )
 from ronnaplan.planning.template_solid import _letters, label_place, outline, template_solid
 from tests.localization.test_template import markers
-from tests.long import few_or_all
+from tests.long import few_and_others, few_or_all
 from tests.names import ANY_NAME
 
 
@@ -63,7 +63,7 @@ def test_a_layout_that_equals_its_mirror_image_has_a_mirrored_rival_at_zero() ->
 
 
 @few_or_all("cases", 100, 300)
-@pytest.mark.parametrize("markers", [3, 5])
+@few_and_others("markers", [3], [5])
 def test_a_template_keeps_its_size_and_clearance_and_beats_every_random_one(markers: int, cases: int) -> None:
     bridge = Bridge(size_mm=(100.0, 70.0))
     found = design_template(markers, bridge)

@@ -5,6 +5,7 @@ import pytest
 
 from ronnaplan.errors import InputError
 from ronnaplan.registration import doubted_marker, leave_one_out, register_points
+from tests.long import few_and_others
 
 HEAD = np.array([[-60.0, 20, 40], [55, 30, 50], [5, -85, 60], [-20, 60, 75], [30, -10, 95], [-70, -30, 10]])
 LABELS = ("F1", "F2", "F3", "F4", "F5", "F6")
@@ -24,7 +25,7 @@ def test_leave_one_out_is_the_registration_of_the_others() -> None:
         np.testing.assert_allclose(left.covariances_mm2[i], errors[i] + alone.tre(HEAD[i : i + 1])[0], atol=1e-9)
 
 
-@pytest.mark.parametrize("stated", [True, False])
+@few_and_others("stated", [True], [False])
 def test_leave_one_out_chances_are_uniform_for_good_markers(stated: bool) -> None:
     rng = np.random.default_rng(2)
     errors = SD**2 * np.eye(3) if stated else None
@@ -67,7 +68,7 @@ def test_rounding_is_no_reason_to_doubt_a_marker() -> None:
         assert doubted_marker(register_points(exact, exact + 3.0)) is None, seed
 
 
-@pytest.mark.parametrize("off_line_mm", [3.0, 1.0, 0.2])
+@few_and_others("off_line_mm", [0.2], [3.0, 1.0])
 @pytest.mark.parametrize("stated", [True, False])
 def test_a_marker_is_not_doubted_because_the_others_lie_nearly_on_a_line(off_line_mm: float, stated: bool) -> None:
     """They predict it only along an arc, which is no ellipse."""

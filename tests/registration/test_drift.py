@@ -10,7 +10,7 @@ from ronnaplan.geometry import Frame, Points
 from ronnaplan.pose import exponential
 from ronnaplan.registration import DriftStatus, check_drift
 from ronnaplan.registration.drift import DRIFT_PROBABILITY, drift_over_time
-from tests.long import few_or_all
+from tests.long import few_and_others, few_or_all
 
 HEAD = np.array([[-60.0, 20, 40], [55, 30, 50], [5, -85, 60], [-20, 60, 75], [30, -10, 95], [-70, -30, 10]])
 LABELS = ("F1", "F2", "F3", "F4", "F5", "F6")
@@ -98,7 +98,7 @@ def test_readings_of_another_frame_are_refused() -> None:
         check_drift(reading(HEAD), reading(HEAD, frame="R"))
 
 
-@pytest.mark.parametrize("count", [4, 6])
+@few_and_others("count", [4], [6])
 def test_two_millimetres_of_one_marker_are_not_taken_for_the_patient(count: int) -> None:
     """A rigid fit of all markers would absorb much of it; the resting ones tell otherwise."""
     for rng, reference, places in heads(count, count, 60):

@@ -10,6 +10,7 @@ from scipy.stats import chi2
 from ronnaplan.ct import CTVolume
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.registration import predict_tre, predict_tre_map, radius_95_mm, register_batch, register_points
+from tests.long import few_and_others
 from tests.registration.test_register_points import HEAD, covariances
 
 GRID = CTVolume.from_array(
@@ -41,7 +42,7 @@ def test_a_tuple_of_scan_and_tracker_is_their_sum_to_first_order() -> None:
     )
 
 
-@pytest.mark.parametrize("count", [12, 60, 300])
+@few_and_others("count", [12, 60], [300])
 def test_the_errors_of_both_readings_turn_against_each_other(count: int) -> None:
     """Of 300 points whose rotation is known to 5 degrees, first order predicts a fifth too little."""
     rng = np.random.default_rng(count)

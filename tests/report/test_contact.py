@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -13,6 +12,7 @@ from ronnaplan import localize
 from ronnaplan.report.contact import NEARLY_SHOWN, TILE, Candidate, cut_pair, draw_row, draw_sheet, gathered
 from ronnaplan.report.picture import CUTS
 from tests.cases import ball_parameters
+from tests.long import few_and_others
 from tests.names import ANY_NAME
 from tests.scans import balls, scan, small_stack
 
@@ -21,7 +21,7 @@ HEADING, MARGIN, ACROSS, DOWN = 48, 19, 180, 171
 """Pixels of the heading, before the first tile, and from one tile to the next."""
 
 
-@pytest.mark.parametrize("tilt_deg", [0.0, 12.0])
+@few_and_others("tilt_deg", [0.0], [12.0])
 def test_a_ball_that_the_model_fits_leaves_only_noise_on_every_cut(tilt_deg: float) -> None:
     volume = scan(balls([CENTER]), small_stack(tilt_deg=tilt_deg), noise_hu=5.0)
     found = localize(volume, diameter_mm=11.5, expected=1).fiducials[0]

@@ -8,6 +8,7 @@ from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.pose import invert
 from ronnaplan.robot.by_pose_fields import moving
 from ronnaplan.robot.hand_eye import calibrate_hand_eye
+from tests.long import few_and_others
 from tests.robot.test_by_pose import HOME, RANGE, flange, normalized
 from tests.robot.test_orientation import matrix
 
@@ -31,7 +32,7 @@ def along(
     return seen, driven, m_from_tcp, robot_from_ots
 
 
-@pytest.mark.parametrize("late", [0.0, 0.1, -0.1])
+@few_and_others("late", [0.0, 0.1], [-0.1])
 def test_a_tracker_or_robot_that_is_late_is_told_by_how_much_and_counted(late: float) -> None:
     """It was taken for noise, or, of half a frame, for a robot's recording exchanged for the tracker's."""
     seen, driven, m_from_tcp, _ = along(1, 22, late)

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.pose import invert
 from ronnaplan.robot.pivot import calibrate_pivot
-from tests.long import few_or_all
+from tests.long import few_and_others, few_or_all
 
 TIP = np.array([-15.0, 240.0, -7.0])
 PIVOT = np.array([-800.0, -85, -2100])
@@ -89,9 +89,10 @@ def noisy(kind: str, rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 @few_or_all("cases", 8, 20)
-@pytest.mark.parametrize(
+@few_and_others(
     ("kind", "in_tool"),
-    [("white", False), ("filtered", False), ("filtered", True), ("walking", False), ("drifting", False)],
+    [("white", False), ("filtered", True)],
+    [("filtered", False), ("walking", False), ("drifting", False)],
 )
 def test_the_error_is_as_large_as_stated_whatever_the_noises_memory(kind: str, in_tool: bool, cases: int) -> None:
     """Squared error over stated covariance, one expected per axis; in the tool's axes, too, where long tools err."""
@@ -108,7 +109,7 @@ def test_the_error_is_as_large_as_stated_whatever_the_noises_memory(kind: str, i
 
 
 @few_or_all("cases", 6, 15)
-@pytest.mark.parametrize(("kind", "in_tool"), [("walking", False), ("drifting", False), ("drifting", True)])
+@few_and_others(("kind", "in_tool"), [("walking", False), ("drifting", True)], [("drifting", False)])
 def test_the_error_is_as_large_as_stated_where_orientations_wander_and_drift(
     kind: str, in_tool: bool, cases: int
 ) -> None:
@@ -128,7 +129,7 @@ def test_the_error_is_as_large_as_stated_where_orientations_wander_and_drift(
 
 
 @few_or_all("cases", 8, 20)
-@pytest.mark.parametrize("count", [60, 100])
+@few_and_others("count", [60], [100])
 def test_the_error_of_a_short_recording_is_as_large_as_stated_where_a_filter_smooths_it(
     count: int, cases: int
 ) -> None:

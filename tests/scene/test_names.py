@@ -11,6 +11,7 @@ import pytest
 from ronnaplan.scene.files import PAGE
 from ronnaplan.scene.names import GAP, LINE_EM, LINES, Names, Room
 from ronnaplan.text import ELLIPSIS, abridged
+from tests.long import few_and_others
 from tests.loops import apart
 from tests.planner.browser import chromium, needs_browser
 
@@ -219,7 +220,7 @@ def shortened_by_the_page(names: list[str], most: int) -> list[str]:
 
 
 @needs_browser
-@pytest.mark.parametrize("most", [1, 3, 12])
+@few_and_others("most", [3], [1, 12])
 def test_the_page_of_a_scene_shortens_names_as_a_picture_does(most: int) -> None:
     names = ["left STN", "left amygdala, second", "\U0001d400" * 30, "left a b c d e f g right", "x" * 500]
     rule = [abridged(name, most) if most > 2 else ELLIPSIS for name in names]

@@ -13,13 +13,14 @@ from ronnaplan.scene import vtk
 from ronnaplan.scene.field import Field, of_mask
 from ronnaplan.scene.head import head_parts
 from ronnaplan.scene.surfaces import REGION, SURFACES, Level, surfaces
+from tests.long import few_and_others
 from tests.scans import balls, scan, small_stack
 
 HALF_WAY = {"ball": Level(-440.0)}
 CENTER = np.array([2.0, -3.0, 1.0])
 
 
-@pytest.mark.parametrize("tilt_deg", [0.0, 15.0])
+@few_and_others("tilt_deg", [15.0], [0.0])
 def test_the_surface_of_a_ball_lies_at_its_radius_and_its_normals_point_outwards(
     workshop: vtk.Workshop, tilt_deg: float
 ) -> None:

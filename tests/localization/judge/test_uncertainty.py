@@ -40,7 +40,7 @@ from ronnaplan.localization.judge.uncertainty import (
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanwide.together import MEDIAN_SHARE, usual_odd_mm2, with_usual
 from ronnaplan.localization.search.look import held_by
-from tests.long import few_or_all
+from tests.long import few_and_others, few_or_all
 from tests.scans import balls, bent, scan, small_stack
 
 CHI2_95 = 7.81
@@ -101,7 +101,7 @@ def test_what_lies_unevenly_around_a_ball_moves_its_center_as_far_as_is_stated()
 
 
 @pytest.mark.parametrize("denser", [1.0, 5.0], ids=["whole", "clipped"])
-@pytest.mark.parametrize("aside", [(0.12, -0.06, 0.0), (0.02, 0.03, -0.13), (0.0, 0.0, 0.0)])
+@few_and_others("aside", [(0.12, -0.06, 0.0), (0.0, 0.0, 0.0)], [(0.02, 0.03, -0.13)])
 def test_a_cavity_that_lies_aside_is_told_or_stated(aside: tuple[float, float, float], denser: float) -> None:
     center = np.array([1.0, 2.0, 3.0])
     parts = [Part(sphere(center, 11.5), "acrylic"), Part(sphere(center + aside, 9.5), "air", embedded=True)]

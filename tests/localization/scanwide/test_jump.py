@@ -11,6 +11,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import FiducialFlag, localize
 from ronnaplan.localization.judge.motion import PATTERN_ERRORS_MM, PATTERNS, Movement
 from ronnaplan.localization.scanwide.jump import jump_at_one_height
+from tests.long import few_and_others
 from tests.scans import balls, scan, small_stack
 
 HEIGHTS_MM = np.array([-20.0, -0.3, 0.3, 20.0, 30.0])
@@ -51,7 +52,7 @@ def test_markers_none_of_which_is_beyond_leave_nothing_to_compare_with() -> None
     assert told("jump w at +0.0", 3.5, 3.5, 3.5, 3.5, 3.5, heights_mm=near) == 0.0
 
 
-@pytest.mark.parametrize("jump_mm", [0.0, 0.3])
+@few_and_others("jump_mm", [0.0], [0.3])
 def test_a_marker_beyond_a_jump_along_the_normal_is_doubted_though_it_is_whole(jump_mm: float) -> None:
     """Those above show nothing, and stand off by all of the jump to what is below."""
     crossed = [(-18.0, -15.3, -6.2), (17.4, -14.0, -5.1)]

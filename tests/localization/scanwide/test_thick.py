@@ -15,6 +15,7 @@ from ronnaplan.ct import CTVolume
 from ronnaplan.localization import localize
 from ronnaplan.localization.scanwide.thick import noise_alike
 from ronnaplan.localization.size import common_diameter, sizes_seen
+from tests.long import few_and_others
 from tests.scans import balls, on_grid, scan, small_stack
 
 PLACES = [(-14.0, -13.6, 1.1), (13.7, -14.2, -0.8), (-13.9, 14.1, 0.3), (14.3, 13.8, 2.2)]
@@ -28,7 +29,7 @@ def smoothed(scene: Scene, sigma_mm: float) -> CTVolume:
     return on_grid(np.round(np.clip(thick, -1024.0, 3071.0)).astype(np.int16), THIN)
 
 
-@pytest.mark.parametrize(("material", "diameter_mm"), [("acrylic", 6.0), ("titanium", 4.0)])
+@few_and_others(("material", "diameter_mm"), [("titanium", 4.0)], [("acrylic", 6.0)])
 def test_small_balls_are_found_in_slices_blurred_far_beyond_their_header(
     material: str, diameter_mm: float
 ) -> None:
@@ -42,7 +43,7 @@ def test_small_balls_are_found_in_slices_blurred_far_beyond_their_header(
     assert found.resolution.profile_mm == pytest.approx(2.355 * 1.3, rel=0.15)
 
 
-@pytest.mark.parametrize("sigma_mm", [0.9, 1.3])
+@few_and_others("sigma_mm", [0.9], [1.3])
 def test_nor_need_their_size_be_told(sigma_mm: float) -> None:
     volume = smoothed(balls(PLACES, 6.0), sigma_mm)
     assert common_diameter(volume, expected=len(PLACES)) == pytest.approx(6.0, abs=0.05)

@@ -14,6 +14,7 @@ from ronnaplan.robot.placement.placement import CLOSER, COARSE, FINE
 from ronnaplan.robot.placement.room import Box, Capsule, ToolMarker
 from ronnaplan.robot.placement.search import base_pose, serves, worths
 from ronnaplan.robot.placement.tasks import view_task
+from tests.long import few_and_others
 from tests.robot.placement.cases import CENTER_MM, job, room
 
 NO_CAMERAS = replace(
@@ -24,7 +25,7 @@ NO_CAMERAS = replace(
 """A tool that hides nothing of its marker."""
 
 
-@pytest.mark.parametrize("seed", [1, 3])
+@few_and_others("seed", [1], [3])
 def test_what_saves_time_changes_no_worth(seed: int) -> None:
     problem, rng = job(seed, 4, 2).problem(COARSE), np.random.default_rng(seed)
     places = rng.uniform([-900.0, -800.0, 850.0, 20.0], [-500.0, -300.0, 1000.0, 70.0], (60, 4))

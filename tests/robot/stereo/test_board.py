@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from phantoms import cameras as rendering
 from phantoms.robot_session import DISTORTIONS, MATRICES, SIZE
 from ronnaplan.robot.stereo.board import _fitted, find_corners, grid_mm, quarters_apart, recounted, shapes
+from tests.long import few_and_others
 from tests.robot.stereo.stereo_views import RIGHT
 
 CORNERS = (9, 7)
@@ -30,7 +31,7 @@ def off_px(found: np.ndarray | None, true: np.ndarray) -> np.ndarray:
     return min((np.linalg.norm(one - true, axis=1) for one in (flat, flat[::-1])), key=np.sum)
 
 
-@pytest.mark.parametrize("bend", [1.0, 0.45])
+@few_and_others("bend", [0.45], [1.0])
 def test_corners_of_small_squares_are_found_to_a_fiftieth_of_a_pixel(bend: float) -> None:
     """OpenCV's own are up to 0.8 pixels off at the board's edge. Linear in the light, or bent to be shown."""
     image, true = small_board(np.random.default_rng(2), (20.0, -15, 12))

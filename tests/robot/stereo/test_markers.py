@@ -12,7 +12,7 @@ from ronnaplan.pose import Pose, invert, transform_points
 from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.stereo.camera import RIG
 from ronnaplan.robot.stereo.markers import RobotMarkers, register_robot_markers, require_apart
-from tests.long import few_or_all
+from tests.long import few_and_others, few_or_all
 
 CT = Frame("CT", "1.2")
 HEAD_MM = np.array([[60.0, -50, 40], [-55, -60, 30], [70, 20, 50], [-40, 70, 60], [10, 90, 45]])
@@ -45,7 +45,7 @@ def looked(
 
 
 @few_or_all("cases", 50, 150)
-@pytest.mark.parametrize("tilt", [0.0, 0.3])
+@few_and_others("tilt", [0.3], [0.0])
 def test_the_common_error_of_the_rig_does_not_average_out(tilt: float, cases: int) -> None:
     """With looks alike it shifts all markers together; the stated error is that of 150 simulated sessions."""
     common = np.diag(np.repeat([2e-4**2, 0.08**2], 3))

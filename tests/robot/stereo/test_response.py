@@ -8,6 +8,7 @@ import pytest
 from ronnaplan.errors import RefusedError
 from ronnaplan.robot.stereo.response import noise_beside
 from ronnaplan.robot.stereo.sphere import locate_sphere
+from tests.long import few_and_others
 from tests.robot.stereo.stereo_views import DIAMETER, rendered
 
 
@@ -23,7 +24,7 @@ def ball(on: float, beside: float, rng: np.random.Generator) -> np.ndarray:
     return np.clip(np.rint(np.where(away < 40, 180, 30) + noise), 0, 255).astype(np.uint8)
 
 
-@pytest.mark.parametrize("scene", ["limb darkens as the cosine", "evenly bright"])
+@few_and_others("scene", ["evenly bright"], ["limb darkens as the cosine"])
 def test_images_that_are_not_linear_in_the_light_are_refused(scene: str) -> None:
     """What little light falls on a dark limb from one side is stretched, so that the center moves."""
     view, rig = rendered(scene, 3)

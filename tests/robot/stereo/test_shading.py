@@ -8,6 +8,7 @@ from ronnaplan.robot.stereo.camera import Camera
 from ronnaplan.robot.stereo.circles import Image
 from ronnaplan.robot.stereo.outline import find_cones
 from ronnaplan.robot.stereo.shading import ShadedSphere, find_shaded, in_own_shadow
+from tests.long import few_and_others
 from tests.robot.stereo.stereo_views import rendered
 
 
@@ -48,7 +49,7 @@ def test_a_limb_as_dark_as_the_ground_settles(seed: int, monkeypatch: pytest.Mon
     np.testing.assert_allclose(places[0], places[1], atol=1e-3)
 
 
-@pytest.mark.parametrize(("seed", "side"), [(3002, 1), (3010, 1), (3014, 1)])
+@few_and_others(("seed", "side"), [(3002, 1)], [(3010, 1), (3014, 1)])
 def test_a_ball_in_its_own_shadow_keeps_its_outline(seed: int, side: int) -> None:
     """Where its lamp was first sought to no side, up to half of the outline was left out, or none of it found."""
     image, camera, center = seen("lit from aside", seed, side)

@@ -17,7 +17,7 @@ from ronnaplan.robot.chain import TCP, R
 from ronnaplan.robot.stereo.camera import RIG, Camera, StereoRig
 from ronnaplan.robot.stereo.outline import find_cones, find_outlines
 from ronnaplan.robot.stereo.sphere import StereoSphere, locate_sphere
-from tests.long import few_or_all
+from tests.long import few_and_others, few_or_all
 from tests.robot.stereo.stereo_views import (
     DIAMETER,
     RIG_EXACT,
@@ -87,7 +87,7 @@ def test_a_reflection_over_part_of_the_outline_does_not_pull_the_center() -> Non
     assert np.linalg.norm(found.position_mm - center) < 0.02
 
 
-@pytest.mark.parametrize("side", ["right", "top"])
+@few_and_others("side", ["right"], ["top"])
 def test_a_hidden_fifth_of_the_outline_does_not_pull_the_center(side: str) -> None:
     rng = np.random.default_rng(8)
     center = np.array([2.0, 3, 300])
@@ -114,7 +114,7 @@ def test_uneven_light_does_not_pull_the_center() -> None:
     assert np.linalg.norm(found.position_mm - center) < 0.01
 
 
-@pytest.mark.parametrize("seed", [5, 16, 21])
+@few_and_others("seed", [5], [16, 21])
 def test_what_an_overexposed_ball_does_not_tell_is_stated(seed: int) -> None:
     """Its middle reads alike however unevenly it is lit, so that no misfit shows how far the center is off."""
     view, rig = rendered("overexposed, gradient", seed)
@@ -198,7 +198,7 @@ def test_a_sphere_where_the_calibration_leaves_too_much_open_is_refused() -> Non
     locate_sphere(*far, RIG_EXACT, diameter_mm=DIAMETER)
 
 
-@pytest.mark.parametrize("side", [0, 1])
+@few_and_others("side", [0], [1])
 def test_a_sphere_that_is_not_found_where_the_lens_is_not_known_is_told_to_be_there(side: int) -> None:
     """The lens is told so wrongly there that an outline is none: no camera moved closer mends that."""
     images = seen([np.array([27.0, 17, 300])], np.random.default_rng(3))
