@@ -5,7 +5,7 @@ World coordinates are DICOM patient coordinates (LPS) in millimetres, float64; p
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
 from typing import NoReturn
@@ -74,6 +74,9 @@ class Points:
     frame: Frame = field(default_factory=lambda: Frame("CT"))
 
     def __post_init__(self) -> None:
+        check_type(self.frame, Frame, "the points' frame", "give Frame(...), such as Frame('CT')")
+        check_type(self.labels, Iterable, "the points' labels", "give a name for each point")
+        object.__setattr__(self, "labels", tuple(map(str, self.labels)))
         positions = as_points(self.positions_mm)
         count = len(positions)
         covariances = as_numbers(self.covariances_mm2, "covariances of points", f"({count}, 3, 3) in mm^2")
@@ -122,6 +125,7 @@ def as_points(values: ArrayLike, name: str = "points") -> FloatArray:
     Raises `InputError` naming the shape or the first row that is not finite or beyond `FARTHEST_POINT_MM`, and for
     arrays that are masked in part.
     """
+    _require_bare(values, name)
     points = as_numbers(values, name, "(N, 3) coordinates in mm")
     if points.size == 0:
         points = points.reshape(0, 3)
@@ -130,6 +134,23 @@ def as_points(values: ArrayLike, name: str = "points") -> FloatArray:
     for row in np.flatnonzero(~(np.abs(points) <= FARTHEST_POINT_MM).all(axis=1))[:1]:
         _refuse_place(points[row], f"{name} row {row}")
     return points
+
+
+def _require_bare(values: object, name: str) -> None:
+    """Raise `InputError` for labelled points, and for a table that holds x, y, z in another order or among others."""
+    if isinstance(values, Points):
+        raise InputError(
+            f"{name} came as Points; give their positions_mm (and their covariances_mm2 as covariances)"
+        )
+    columns = getattr(values, "columns", ())
+    names = [] if callable(columns) else [str(column) for column in columns]
+    axes = [name.lower().removesuffix("_mm") for name in names]
+    if set("xyz") <= set(axes) and axes != list("xyz"):
+        expected = [names[axes.index(axis)] for axis in "xyz"]
+        told = printable(", ".join(names), LONGEST_LABELS)
+        raise InputError(
+            f"{name} came as a table with the columns {told}; expected those of places: table[{expected}]"
+        )
 
 
 def as_point(values: ArrayLike, name: str) -> FloatArray:

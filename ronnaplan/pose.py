@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray, Frame, as_covariances, as_numbers, as_points, require_covariances, unit
 
 POSE_TOLERANCE = 1e-4
@@ -39,6 +39,8 @@ class Pose:
     from_frame: Frame
 
     def __post_init__(self) -> None:
+        for frame in (self.to_frame, self.from_frame):
+            check_type(frame, Frame, "a pose's frame", "give Frame(...), such as Frame('R')")
         name = f"pose {self.to_frame} from {self.from_frame}"
         matrix = as_numbers(self.matrix, f"the entries of {name}", "a 4 x 4 rigid transform in mm").copy()
         if matrix.shape != (4, 4) or not _are_poses(matrix[np.newaxis])[0]:

@@ -172,3 +172,25 @@ def test_the_rms_length_of_an_error_is_over_all_three_axes_of_any_stack() -> Non
     errors = np.einsum("abij,abnj->abni", root, rng.normal(size=(2, 5, 20_000, 3)))
     seen = np.sqrt((errors**2).sum(axis=-1).mean(axis=-1))
     np.testing.assert_allclose(rms_mm(root @ root.swapaxes(-1, -2)), seen, rtol=0.03)
+
+
+def test_labelled_points_and_tables_of_other_columns_are_refused_with_what_to_give() -> None:
+    """NumPy would take a table's columns for x, y, z in the order in which they stand: a rotated head fits as well."""
+    pd: Any = pytest.importorskip("pandas")
+    places = scene.ct_points().positions_mm
+    table = pd.DataFrame(places, columns=["x_mm", "y_mm", "z_mm"])
+    assert as_points(table).tolist() == as_points(table.rename(columns={"x_mm": "R"})).tolist() == places.tolist()
+    for other in (table[["z_mm", "x_mm", "y_mm"]], table.assign(label="F1")):
+        with pytest.raises(InputError, match=r"table\[\['x_mm', 'y_mm', 'z_mm'\]\]"):
+            as_points(other)
+    with pytest.raises(InputError, match="give their positions_mm"):
+        match_points(scene.ct_points(), scene.readings())  # type: ignore[arg-type]
+
+
+def test_points_take_any_list_of_labels_and_say_what_is_none() -> None:
+    given: Any = (range(2), np.array(["0", "1"]), [0, 1])
+    assert {Points.exact(np.eye(3)[:2], labels, Frame("CT")).labels for labels in given} == {("0", "1")}
+    wrong: Any = ((None, Frame("CT"), "labels"), (("A", "B"), "CT", "frame"))
+    for labels, frame, says in wrong:
+        with pytest.raises(RonnaplanError, match=f"the points' {says}"):
+            Points.exact(np.eye(3)[:2], labels, frame)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from ronnaplan.errors import FrameMismatchError, InputError
+from ronnaplan.errors import FrameMismatchError, InputError, RonnaplanError
 from ronnaplan.geometry import Frame
 from ronnaplan.pose import Pose, as_pose, as_poses, exponential
 
@@ -163,3 +163,9 @@ def test_many_poses_are_taken_as_each_alone_and_the_first_that_is_none_is_named(
     with pytest.raises(InputError, match=r"pose 0 has shape \(3, 4\)"):
         as_poses(printed[:, :3], "pose")
     assert as_poses(np.zeros((0, 4, 4)), "pose").shape == (0, 4, 4)
+
+
+def test_a_frame_that_is_only_a_name_is_refused_where_the_pose_is_made() -> None:
+    name: Any = "R"
+    with pytest.raises(RonnaplanError, match=r"give Frame\(\.\.\.\)"):
+        Pose.exact(np.eye(4), name, B)

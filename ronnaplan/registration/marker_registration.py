@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ronnaplan.correspondence import Pairing
-from ronnaplan.errors import UsageError, check_type
+from ronnaplan.errors import FrameMismatchError, UsageError, check_type
 from ronnaplan.geometry import Points, require_sigma
 from ronnaplan.registration.registration import Registration, register_points
 from ronnaplan.sigmas import SIGMA_CT_MM
@@ -92,13 +92,18 @@ def register_markers(
     ``sigma_ct_mm`` (see `SIGMA_CT_MM`) is added to every CT marker's own covariance. ``known_pairs`` are labels
     (CT, OTS) that a person pointed at; ``expected`` and ``at_least`` are as in `match_points`. A refused pairing
     is returned, too, without a registration. Raises `UsageError` for labels that are not there, named twice, or those
-    of several markers, and `InputError` for what `match_points` or `register_points` cannot use.
+    of several markers, `FrameMismatchError` for sets that have changed places, and `InputError` for what `match_points`
+    or `register_points` cannot use.
     """
     from ronnaplan.correspondence import match_points
 
     for points, what in ((ct, "the scan's markers"), (ots, "the tracker's markers")):
         check_type(
             points, Points, what, "give the points of what localize, or find_markers, returned: found.points"
+        )
+    if (ct.frame.name, ots.frame.name) == ("OTS", "CT"):  # else the markers' errors would count on the wrong side
+        raise FrameMismatchError(
+            "the scan's markers are of frame OTS and the tracker's of CT; expected the scan's first, then the tracker's"
         )
     require_sigma(sigma_ct_mm, "the CT error")
     if not all(isinstance(pair, Sequence) and len(pair) == 2 for pair in known_pairs):

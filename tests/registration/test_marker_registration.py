@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ronnaplan.errors import InputError, UsageError
+from ronnaplan.errors import FrameMismatchError, InputError, UsageError
 from ronnaplan.geometry import Points
 from ronnaplan.registration.marker_registration import register_markers
 from tests.registration import scene
@@ -99,3 +99,8 @@ def test_a_scan_whose_distances_are_wrong_is_told_by_how_much() -> None:
     assert re.fullmatch(
         r"the readings would fit a scan that is longer by \+1\.\d %, \+1\.\d %, \+1\.\d % along x, y and z", told
     )
+
+
+def test_a_scan_and_a_tracker_that_have_changed_places_are_refused() -> None:
+    with pytest.raises(FrameMismatchError, match="the scan's first"):
+        register_markers(scene.readings(), scene.ct_points())
