@@ -8,6 +8,7 @@ import io
 import re
 from collections.abc import Sequence, Set
 from pathlib import Path
+from unicodedata import normalize
 
 from ronnaplan.errors import InputError
 from ronnaplan.text import BLANKS, printable
@@ -28,6 +29,8 @@ DELIMITERS = (",", ";", "\t")
 SEPARATOR_LINE = re.compile(r'\s*"?sep=(?P<delimiter>[^\r\n])"?[ ,;\t]*\r*(\n|$)', re.IGNORECASE)
 """By which a first line tells a spreadsheet what stands between the columns."""
 MOST_TEXT_BYTES = 2**27
+MOST_LINES_BEFORE = 50
+"""Among so many lines one may name the columns; what motion capture writes before it are 7."""
 MOST_NAMED = 12
 """Of the columns that are not read, how many are told."""
 MOST_ROWS = 500_000
@@ -83,11 +86,15 @@ def read_rows(path: Path) -> tuple[list[str], list[list[str]], str]:
                 f"{path} separates its columns by '{printable(told['delimiter'])}', as its first line says; "
                 "expected a comma, ';' or a tab"
             )
-    delimiter = told["delimiter"] if told else max(DELIMITERS, key=text.lstrip().partition("\n")[0].count)
+    lines = text.lstrip().split("\n", MOST_LINES_BEFORE)[:MOST_LINES_BEFORE]
+    parted = next((line for line in lines if any(sign in line for sign in DELIMITERS)), "")
+    delimiter = told["delimiter"] if told else max(DELIMITERS, key=parted.count)
+    _require_first(path, lines)
     rows = split_rows(path, text, delimiter)
     if not rows:
         raise InputError(f"{path} is empty; expected a header and tracker readings")
     _require_delimiter(path, rows[-1], delimiter)
+    rows[0] = [normalize("NFKC", cell) for cell in rows[0]]  # letters and brackets as wide as Chinese ones
     header = [column_name(cell) for cell in rows[0]]
     _require_own_tools(path, rows[0], header)
     if any(number(cell, delimiter) is not None for cell in rows[0]):
@@ -100,6 +107,17 @@ def read_rows(path: Path) -> tuple[list[str], list[list[str]], str]:
         _require_one_sign(path, length_columns(header), below, delimiter)
         _require_no_thousands(path, place_columns(header), below, delimiter)
     return header, below, delimiter
+
+
+def _require_first(path: Path, lines: Sequence[str]) -> None:
+    """Refuse ``lines`` of which a later one names the axes: what programs write before it may hold a unit."""
+    names = ({column_name(cell.strip(' "')).split("_")[0] for cell in re.split("[,;\t]", line)} for line in lines)
+    found = next((k for k, words in enumerate(names) if any(axes <= words for axes in AXES)), 0)
+    if found:
+        raise InputError(
+            f"{path} names its columns in a later line ({printable(lines[found].strip(), LONGEST_NAME)}); expected "
+            "them in the first, so look in those before it for the unit (mm), and delete them"
+        )
 
 
 def _require_own_tools(path: Path, cells: Sequence[str], header: Sequence[str]) -> None:
@@ -151,7 +169,8 @@ def require_table(path: Path, header: Sequence[str], rows: Sequence[Sequence[str
         others = {name: f" (or tool_{name})" for name in SEEN_COLUMNS}
         others |= {name: f" (or {other})" for other, name in SAME_COLUMNS.items()}
         told = ", ".join(f"{name}{others.get(name, '')}" for name in twice)
-        raise InputError(f"{path} has more than one column named {told}; expected each name once")
+        rows_of = ", and a row for each reading (frame, label, x, y, z)" if set(twice) & {"x", "y", "z"} else ""
+        raise InputError(f"{path} has more than one column named {told}; expected each name once{rows_of}")
     for place, row in enumerate(rows, start=1):
         if any(cell.strip() for cell in row[len(header) :]):
             raise InputError(

@@ -15,7 +15,7 @@ def readings_told(recording: Recording, found: MarkerReadings) -> tuple[str, ...
         *recording.notes,
         *_left_out(recording),
         *_doubts(found),
-        *_moved(found),
+        *(_touches(recording, found) or _moved(found)),
         *_twice(found),
         *_no_markers(found),
     )
@@ -51,6 +51,17 @@ def _moved(found: MarkerReadings) -> list[str]:
     ]
 
 
+def _touches(recording: Recording, found: MarkerReadings) -> list[str]:
+    """Say of one tool that went about, and nothing else, how a pointer's touches are told."""
+    rested = [marker for marker in found.markers if MarkerFlag.MOVED not in marker.flags]
+    if recording.points or rested or len(found.markers) + len(found.rejected) != 1:
+        return []
+    return [
+        "the poses of one tool are one marker, at its origin; of a pointer that touched several markers write each "
+        "touch in a row of its own, as label, x, y, z of its tip"
+    ]
+
+
 def _twice(found: MarkerReadings) -> list[str]:
     """Say how many markers stand nearer to another than a marker may be from itself."""
     from scipy.spatial import KDTree
@@ -61,7 +72,8 @@ def _twice(found: MarkerReadings) -> list[str]:
         return []
     return [
         f"{twice} of {len(found.markers)} readings stand within {GATE_MM:g} mm of another, as of a marker that was "
-        "read more than once: number the frames (a column frame), and give one recording, not several in one file"
+        "read more than once, or of coordinates that are not in mm: number the frames (a column frame), and give one "
+        "recording, not several in one file"
     ]
 
 

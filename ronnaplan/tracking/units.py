@@ -17,7 +17,7 @@ UNIT_WORDS = frozenset({"unit", "units"})
 MILLIMETRES = frozenset(
     {
         *("mm", "millimeter", "millimeters", "millimetre", "millimetres", "millimètre", "millimètres"),
-        *("millimetro", "millimetri", "milímetro", "milímetros"),
+        *("millimetro", "millimetri", "milímetro", "milímetros", "毫米", "мм"),
     }
 )
 SECONDS = frozenset({"s", "sec", "secs", "second", "seconds"})

@@ -389,3 +389,33 @@ def test_what_other_programs_call_seen_and_hidden_is_heard(tmp_path: Path) -> No
     recording = read_recording(written(tmp_path, "r.csv", text))
     assert [one.status for one in recording.points] == ["ok", "occluded", "missing"]
     assert recording.notes == ("columns that are not read: error",)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (
+            "# units: m\nframe,label,x,y,z\n1,A,1,2,3\n",
+            r"later line \(frame,label,x,y,z\); .* look .* for the unit",
+        ),
+        (
+            "Format Version,1.23,Length Units,Meters\n\nFrame,X,Y,Z,X,Y,Z\n0,1,2,3,4,5,6\n",
+            "later line .Frame,X,Y,Z",
+        ),
+        ("Recorded today\n\nlabel;x;y;z\nA;1;2;3\n", "later line .label;x;y;z"),
+        ("Number of frames: 1\nFrame\tM1 x\tM1 y\n1\t1\t2\n", "no x, y, z"),
+        ("Frame,X,Y,Z,X,Y,Z\n0,1,2,3,4,5,6\n", "a row for each reading"),
+        ("标记,x（米）,y（米）,z（米）\nA,1,2,3\n", r"the column 'x\(米\)'; expected it in mm"),
+    ],
+)
+def test_what_stands_before_and_in_a_header_of_other_programs_is_told(
+    tmp_path: Path, text: str, says: str
+) -> None:
+    with pytest.raises(InputError, match=says):
+        read_recording(written(tmp_path, "r.csv", text))
+
+
+@pytest.mark.parametrize("axis", ["{}（毫米）", "{} [㎜]", "{} (мм)"])
+def test_millimetres_are_read_in_other_scripts(tmp_path: Path, axis: str) -> None:
+    text = f"label,{','.join(map(axis.format, 'xyz'))}\nA,1,2,3\n"
+    assert read_recording(written(tmp_path, "r.csv", text)).points[0].position_mm.tolist() == [1, 2, 3]

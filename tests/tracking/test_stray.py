@@ -7,6 +7,8 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from ronnaplan.errors import FrameMismatchError, InputError
+from ronnaplan.geometry import FloatArray
+from ronnaplan.pose import rigid
 from ronnaplan.tracking import MarkerFlag, PointReading, Recording, ToolReading, find_markers, stray
 from ronnaplan.tracking.stray import GATE_MM, _assigned
 from ronnaplan.tracking.told import readings_told
@@ -297,3 +299,14 @@ def test_one_marker_is_counted_as_one() -> None:
     one = PointReading(0, np.array([1.0, 2.0, 3.0]), "F1")
     found = find_markers(Recording("x", (one,)))
     assert repr(found).startswith("MarkerReadings(1 marker in 1 frame of ")
+
+
+@pytest.mark.parametrize("places", [100 * np.eye(3), np.array([[1.0, 2, 3], [90, 20, 30], [9, 80, 70]])])
+def test_of_a_pointer_that_touched_the_markers_it_is_told_how_to_write_its_touches(places: FloatArray) -> None:
+    """Its poses are one marker that moved, which could not be told to rest."""
+    poses = np.repeat(places, 8, axis=0)
+    tools = tuple(ToolReading(k, "probe", rigid(np.eye(3), place)) for k, place in enumerate(poses))
+    recording = Recording("r", tools=tools)
+    told = readings_told(recording, find_markers(recording))
+    assert any("write each touch in a row of its own" in one for one in told)
+    assert not any("have them rest" in one for one in told)
