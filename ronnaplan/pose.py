@@ -15,7 +15,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ronnaplan.errors import InputError, check_type
-from ronnaplan.geometry import FloatArray, Frame, as_covariances, as_numbers, as_points, require_covariances, unit
+from ronnaplan.geometry import (
+    FloatArray,
+    Frame,
+    as_covariances,
+    as_numbers,
+    as_points,
+    require_covariances,
+    rms_mm,
+    unit,
+)
+from ronnaplan.text import place
 
 POSE_TOLERANCE = 1e-4
 """Largest entry of ``R @ R.T - 1`` accepted in a pose that is offered (trackers print rotations with 4 to 6
@@ -69,8 +79,15 @@ class Pose:
         """The translation (3,): where ``from_frame``'s origin lies in ``to_frame``."""
         return self.matrix[:3, 3]
 
+    def __repr__(self) -> str:
+        turn_deg = np.degrees(np.arccos(np.clip((np.trace(self.rotation) - 1.0) / 2.0, -1.0, 1.0)))
+        error_mm = rms_mm(self.point_covariances(np.zeros((1, 3))))[0]
+        told = f"turned by {turn_deg:.1f} degrees, moved by {place(self.translation_mm)} mm"
+        return f"Pose({self.to_frame} from {self.from_frame}: {told}, error at that place {error_mm:.3g} mm RMS)"
+
     def __matmul__(self, other: Pose) -> Pose:
         """Return ``a_from_b @ b_from_c = a_from_c``; their errors are independent. Raises `FrameMismatchError`."""
+        check_type(other, Pose, "what a pose is multiplied by", "map points by apply; make a matrix a Pose.exact")
         self.from_frame.require(other.to_frame)
         covariance = self.covariance + carried(self.matrix, other.covariance)
         return Pose(self.matrix @ other.matrix, covariance, self.to_frame, other.from_frame)

@@ -169,3 +169,14 @@ def test_a_frame_that_is_only_a_name_is_refused_where_the_pose_is_made() -> None
     name: Any = "R"
     with pytest.raises(RonnaplanError, match=r"give Frame\(\.\.\.\)"):
         Pose.exact(np.eye(4), name, B)
+
+
+def test_a_pose_tells_what_it_is_and_refuses_a_product_with_what_is_none() -> None:
+    matrix = np.eye(4)
+    matrix[:3] = np.array([[0, -1, 0, 10], [1, 0, 0, -20], [0, 0, 1, 30.5]])
+    pose = Pose(matrix, np.diag([1e-2] * 3 + [0.03] * 3) * [0, 0, 0, 1, 1, 1], A, B)
+    told = "turned by 90.0 degrees, moved by (10.0, -20.0, 30.5) mm, error at that place 0.3 mm RMS"
+    assert repr(pose) == f"Pose(A from B: {told})"
+    other: Any = matrix
+    with pytest.raises(RonnaplanError, match=r"map points by apply; make a matrix a Pose\.exact"):
+        pose @ other
