@@ -33,7 +33,7 @@ from ronnaplan.localization.fit.guess import margin_mm
 from ronnaplan.localization.fit.model import has_layer
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import BLUR, CENTER, CONTRAST, EDGE, RADIUS, WIDTH
-from ronnaplan.localization.fit.skin import is_skin, lies_on_something, with_skin
+from ronnaplan.localization.fit.skin import is_mount, is_skin, lies_on_something, with_skin
 from ronnaplan.localization.fit.starts import (
     HOPELESS_MISFIT,
     HOPELESS_ROUND,
@@ -173,10 +173,15 @@ def _near(around: Neighbourhood, theta: FloatArray) -> NDArray[np.bool_]:
 
 
 def _tells_more(on_skin: BallFit, plain: BallFit) -> bool:
-    """Whether the skin explains directions that ``plain`` leaves out, about as well as that explains the others."""
+    """Whether the skin explains directions that ``plain`` leaves out, about as well as that explains the others.
+
+    It must explain them better where a mount would: plastic pegs under clipped metal, 0.8 as wide, were fitted as skin,
+    and drew the ball by 35 um.
+    """
     if not on_skin.converged or not plain.converged:
         return on_skin.converged
-    return on_skin.coverage > plain.coverage and on_skin.misfit <= SKIN_MISFIT * plain.misfit
+    misfit_allowed = 1.0 if is_mount(on_skin.verdict, plain.verdict, on_skin.seen_hu) else SKIN_MISFIT
+    return on_skin.coverage > plain.coverage and on_skin.misfit <= misfit_allowed * plain.misfit
 
 
 def _settle(

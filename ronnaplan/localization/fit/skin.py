@@ -11,7 +11,13 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.cells import CELL_COUNT, cell_directions
 from ronnaplan.localization.fit.depth import SURFACE_BLURS, reach_mm
 from ronnaplan.localization.fit.descent import Prior
-from ronnaplan.localization.fit.directions import ATTACHED_SHARE, Verdict
+from ronnaplan.localization.fit.directions import (
+    ATTACHED_SHARE,
+    DARK_QUANTILE,
+    MOST_HELD,
+    NEIGHBOUR_SHARE,
+    Verdict,
+)
 from ronnaplan.localization.fit.disc import share_below
 from ronnaplan.localization.fit.model import has_layer, has_streaks
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
@@ -91,6 +97,15 @@ def is_skin(theta: FloatArray) -> bool:
     depth_mm = 1.0 / max(float(np.linalg.norm(theta[SKIN_PLACE])), 1e-9)
     is_dense = has_layer(theta) or float(theta[SKIN_LEVEL_AT]) >= MIN_SKIN_HU
     return is_dense and depth_mm >= MIN_SKIN_DEPTH * float(theta[RADIUS])
+
+
+def is_mount(on_skin: Verdict, plain: Verdict, seen_hu: float) -> bool:
+    """Whether it is no skin that was fitted beside a ball of which ``seen_hu`` are shown, but what it is mounted on.
+
+    That touches few of the directions, as a fit without skin told, and it is darker than skin would be beside it.
+    """
+    is_dark = float(np.quantile(on_skin.excess_hu, DARK_QUANTILE)) < -NEIGHBOUR_SHARE * seen_hu
+    return is_dark and float(plain.beside.mean()) <= MOST_HELD
 
 
 def bent(along_mm: FloatArray, theta: FloatArray, jacobian: FloatArray) -> FloatArray:

@@ -13,6 +13,7 @@ from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.examine import fit_place
 from ronnaplan.localization.fit.directions import judge
+from ronnaplan.localization.fit.model import has_skin
 from ronnaplan.localization.fit.parameters import CENTER
 from ronnaplan.localization.scanner.scan import Scan
 from tests.scans import balls, offsets_mm, on_grid, scan, small_stack
@@ -58,3 +59,11 @@ def test_a_plastic_peg_draws_no_ball_of_metal_that_the_scale_clips() -> None:
     fit = fit_place(Scan(clipped_on_a_peg(center_mm, outward, 6.0, 4.8)), center_mm + 0.2, 6.0)
     assert fit.is_clipped
     assert np.linalg.norm(fit.center_mm - center_mm) < 0.015
+
+
+def test_a_wide_plastic_peg_is_not_taken_for_skin() -> None:
+    """Flat skin explained it but for what is dark beside it, and drew the ball by 37 um."""
+    center_mm, outward = np.array([0.3, 0.2, 0.4]), np.array([0.0, 1.0, 0.2]) / np.linalg.norm([0.0, 1.0, 0.2])
+    fit = fit_place(Scan(clipped_on_a_peg(center_mm, outward, 6.0, 4.8)), center_mm + 0.2, 6.0)
+    assert not has_skin(fit.theta)
+    assert np.linalg.norm(fit.center_mm - center_mm) < 0.02
