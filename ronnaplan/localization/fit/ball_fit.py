@@ -78,11 +78,6 @@ class BallFit:
         return float(self.theta[CONTRAST])
 
     @property
-    def seen_hu(self) -> float:
-        """How much of the contrast the scale shows."""
-        return float(min(self.contrast_hu, self.ceiling_hu - self.theta[BACKGROUND]))
-
-    @property
     def may_be_metal(self) -> bool:
         """Whether the ball is metal, or the scale's end hides whether it is."""
         return not self.is_shaded or (has_streaks(self.theta) and self.contrast_hu > METAL_CONTRAST_HU)

@@ -19,10 +19,9 @@ from ronnaplan.localization.fit.algebra import quantile
 from ronnaplan.localization.fit.ball import Discs, discs
 from ronnaplan.localization.fit.cells import CELL_COUNT, cell_directions, direction_cell
 from ronnaplan.localization.fit.depth import SURFACE_BLURS, depth_and_blur, reach_mm, squares_within_reach
-from ronnaplan.localization.fit.model import BLOCK, evaluate, has_skin, is_beyond_scale
+from ronnaplan.localization.fit.model import BLOCK, evaluate, has_skin, is_beyond_scale, shown_hu
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import (
-    BACKGROUND,
     CONTRAST,
     PARAMETERS,
     RADIUS,
@@ -182,8 +181,8 @@ def _survey(
             else:
                 sums[INSIDE, cell] += 1.0
                 sums[WITHIN, cell] += residual
-    seen_hu, agreeing = min(theta[CONTRAST], ceiling_hu - theta[BACKGROUND]), np.zeros(len(cells), np.bool_)
-    told = _weighed(sums, theta[CONTRAST], seen_hu, theta[RADIUS], directions)
+    agreeing = np.zeros(len(cells), np.bool_)
+    told = _weighed(sums, theta[CONTRAST], shown_hu(theta, ceiling_hu), theta[RADIUS], directions)
     for n in range(len(cells)):
         agreeing[n] = cells[n] >= 0 and told[0][cells[n]] == 1
     return told, agreeing

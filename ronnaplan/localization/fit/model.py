@@ -181,6 +181,12 @@ def is_beyond_scale(value: float, model: float, floor: float, ceiling: float) ->
     return (value >= ceiling and model >= ceiling) or (value <= floor and model <= floor)
 
 
+@njit(cache=True, nogil=True)
+def shown_hu(theta: FloatArray, ceiling: float) -> float:
+    """How much of a ball's contrast a scale shows that ends at ``ceiling``."""
+    return min(float(theta[CONTRAST]), ceiling - float(theta[BACKGROUND]))
+
+
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "arcp", "nsz"})
 def add_normal_equations(
     values: FloatArray,

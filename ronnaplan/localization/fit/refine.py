@@ -30,7 +30,7 @@ from ronnaplan.localization.fit.descent import (
 from ronnaplan.localization.fit.directions import Judged, Verdict, judge
 from ronnaplan.localization.fit.embedded import within_its_holder
 from ronnaplan.localization.fit.guess import margin_mm
-from ronnaplan.localization.fit.model import has_layer
+from ronnaplan.localization.fit.model import has_layer, shown_hu
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import BLUR, CENTER, CONTRAST, EDGE, RADIUS, WIDTH
 from ronnaplan.localization.fit.skin import is_mount, is_skin, lies_on_something, with_skin
@@ -180,7 +180,8 @@ def _tells_more(on_skin: BallFit, plain: BallFit) -> bool:
     """
     if not on_skin.converged or not plain.converged:
         return on_skin.converged
-    misfit_allowed = 1.0 if is_mount(on_skin.verdict, plain.verdict, on_skin.seen_hu) else SKIN_MISFIT
+    seen_hu = shown_hu(on_skin.theta, on_skin.ceiling_hu)
+    misfit_allowed = 1.0 if is_mount(on_skin.verdict, plain.verdict, seen_hu) else SKIN_MISFIT
     return on_skin.coverage > plain.coverage and on_skin.misfit <= misfit_allowed * plain.misfit
 
 
