@@ -79,10 +79,16 @@ class Pose:
         """The translation (3,): where ``from_frame``'s origin lies in ``to_frame``."""
         return self.matrix[:3, 3]
 
+    @property
+    def turn_deg(self) -> float:
+        """By how many degrees it turns."""
+        from scipy.spatial.transform import Rotation
+
+        return float(np.degrees(Rotation.from_matrix(self.rotation).magnitude()))
+
     def __repr__(self) -> str:
-        turn_deg = np.degrees(np.arccos(np.clip((np.trace(self.rotation) - 1.0) / 2.0, -1.0, 1.0)))
         error_mm = rms_mm(self.point_covariances(np.zeros((1, 3))))[0]
-        told = f"turned by {turn_deg:.1f} degrees, moved by {place(self.translation_mm)} mm"
+        told = f"turned by {self.turn_deg:.1f} degrees, moved by {place(self.translation_mm)} mm"
         return f"Pose({self.to_frame} from {self.from_frame}: {told}, error at that place {error_mm:.3g} mm RMS)"
 
     def __matmul__(self, other: Pose) -> Pose:

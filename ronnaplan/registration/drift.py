@@ -81,7 +81,7 @@ def check_drift(reference: Points, later: Points) -> Drift:
     return Drift(
         status,
         probability,
-        _angle_deg(motion.pose.rotation),
+        motion.pose.turn_deg,
         float(np.linalg.norm(moved.mean(axis=0))),
         float(np.linalg.norm(moved, axis=1).max()),
         together,
@@ -126,9 +126,3 @@ def _judge(
     likeliest = np.argsort(-explained.loose)
     suspects = likeliest[explained.loose[likeliest] >= SUSPECT_PROBABILITY]
     return DriftStatus.MARKER_MOVED, explained.together, suspects
-
-
-def _angle_deg(rotation: FloatArray) -> float:
-    from scipy.spatial.transform import Rotation
-
-    return float(np.degrees(Rotation.from_matrix(rotation).magnitude()))

@@ -292,9 +292,7 @@ def test_a_worker_that_is_killed_amid_its_answers_makes_the_others_and_none_twic
     def over() -> bool:
         foreman.tick(time.time())
         made = index.value("SELECT count(*) FROM answers")
-        if len(killed) < min(
-            made, kills
-        ):  # by the program that found the markers, then by one that made an answer
+        if len(killed) < min(made, kills):  # at first by what found the markers, then by what made an answer
             killed.extend(foreman.pids)
             os.kill(foreman.pids[0], signal.SIGKILL)
         return states(index)["good"][0] == "done"

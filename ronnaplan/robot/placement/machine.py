@@ -165,13 +165,15 @@ def place_bodies(machine: Machine, instrument: FloatArray, frames: FloatArray, b
 def carried_distances(machine: Machine, carried: FloatArray, postures: FloatArray) -> FloatArray:
     """Return the distances (P, C, A) of capsules (C, 7) on the last link from the arm's in ``postures`` (P, 6), rad."""
     frames, bodies = np.zeros((len(machine.axes) + 1, 4, 4)), np.empty((len(machine.links) + 1, 7))
+    none, one = np.zeros(7), np.empty(7)
     for a in range(4):
         frames[0, a, a] = 1.0
     apart = np.empty((len(postures), len(carried), machine.tool_from))
     for p in range(len(postures)):
         place_links(machine.origins, machine.axes, postures[p], frames)
+        place_bodies(machine, none, frames, bodies)
         for k in range(len(carried)):
-            place_bodies(machine, carried[k], frames, bodies)
+            moved_capsule(frames[-1], carried[k], one)
             for j in range(machine.tool_from):
-                apart[p, k, j] = segment_segment(bodies[-1], bodies[j]) - bodies[-1, 6] - bodies[j, 6]
+                apart[p, k, j] = segment_segment(one, bodies[j]) - one[6] - bodies[j, 6]
     return apart
