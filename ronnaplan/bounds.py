@@ -14,5 +14,8 @@ SMALLEST_SPREAD_MM = 1.0
 LARGEST_SPREAD_MM = 20_000.0
 """Points whose extent lies outside these are no head, no tool and no tracker's field in mm (metres? micrometres?)."""
 
+METAL_HU = 2500.0
+"""Denser than any bone and enamel (2,100 HU): metal. The scale of most scanners ends at 3,071."""
+
 LARGEST_HU = 1e6
 """No scale of a scanner reaches a million; nor do a rescale's slope and intercept."""

@@ -8,15 +8,13 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from ronnaplan.bounds import METAL_HU
 from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning.head import Head
 from ronnaplan.planning.segments import box_distance, point_distances, segment_distances
 from ronnaplan.planning.smooth import Patch, fit_patch
 from ronnaplan.planning.trajectory import Trajectory
-
-METAL_HU = 2500.0
-"""Denser than any bone and enamel (2,100 HU); the scale of most scanners ends at 3,071."""
 
 POST_RADIUS_MM = 5.0
 """A marker's post and its base are taken as this wide all along."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
+from ronnaplan.bounds import METAL_HU
 from ronnaplan.ct.volume import CTVolume, Voxels
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build
@@ -18,9 +19,6 @@ from ronnaplan.localization.fit.directions import BACKGROUND_QUANTILE
 from ronnaplan.localization.fit.guess import margin_mm
 from ronnaplan.localization.search.detect import MIN_CONTRAST_HU
 from ronnaplan.threads import in_parts
-
-METAL_HU = 2500.0
-"""Brighter than bone and teeth in any scan."""
 
 SCREW_REACH_MM, SCREW_MM, SCREW_STEP_MM = 25.0, 2.0, 0.5
 """A screw is looked for so far beyond the ball, so far beside each direction in every way, in these steps."""
