@@ -149,8 +149,7 @@ class PhantomCheck:
         from scipy.special import chdtri
 
         fit = self.registration
-        jacobian = point_jacobian(transform_points(fit.transform, fit.moving_mm))
-        left_mm2 = fit.covariances_mm2 - jacobian @ fit.pose.covariance @ jacobian.swapaxes(-1, -2)
+        left_mm2 = fit.covariances_mm2 - fit.pose.point_covariances(fit.moving_mm)
         values, vectors = np.linalg.eigh(left_mm2)
         sizes = np.trace(fit.covariances_mm2, axis1=-2, axis2=-1)[:, np.newaxis]
         tells = values > 1e-6 * sizes  # what the fit takes out whole tells nothing

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, as_points
-from ronnaplan.pose import Pose, adjoint, as_poses, as_stack, exponential, invert, nearest_rotations, rigid
+from ronnaplan.pose import Pose, as_poses, as_stack, carried, exponential, invert, nearest_rotations, rigid
 from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.hand_eye import require_two_axes
 from ronnaplan.robot.stereo.board import grid_mm, quarters_apart, recounted, seen_by_both
@@ -253,7 +253,6 @@ def _refine(poses: FloatArray, spheres: FloatArray, start: FloatArray) -> TcpCal
         raise InputError(UNDETERMINED)
     variance = 2 * float(fit.cost) / (spheres.size - fit.x.size)
     matrix = start @ rigid(exponential(fit.x[:3]), fit.x[3:6])
-    carry = adjoint(matrix)
-    covariance = carry @ (np.linalg.inv(information)[:6, :6] * variance) @ carry.T
+    covariance = carried(matrix, np.linalg.inv(information)[:6, :6] * variance)
     rms = float(np.sqrt(2 * fit.cost / len(spheres)))
     return TcpCalibration(Pose(matrix, covariance, TCP, RIG), fit.x[6:], rms, float(np.sqrt(variance)))
