@@ -35,6 +35,7 @@ from ronnaplan.planning import (
 )
 from ronnaplan.planning.angles import RAS_IN_LPS
 from ronnaplan.planning.apart import Apart, spacings
+from ronnaplan.planning.lengths import ENTRIES
 from ronnaplan.planning.obstacles import Kind, Obstacle, Voxels, markers_on, metal
 from ronnaplan.planning.sites import PlacementRules, scalp_sites
 from ronnaplan.planning.uncertainty import Expectation
@@ -202,7 +203,7 @@ class Surroundings:
         return tuple(self.judge(one, plan) for one in plan.trajectories)
 
     def propose(
-        self, target_mm: FloatArray, plan: Plan, *, name: str, instrument: Instrument, count: int = 5
+        self, target_mm: FloatArray, plan: Plan, *, name: str, instrument: Instrument, count: int = ENTRIES
     ) -> Proposals:
         """Propose entries for ``target_mm`` (3,) that keep all limits, beside the plan's others than ``name``."""
         return propose(

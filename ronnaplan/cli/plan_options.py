@@ -8,6 +8,7 @@ from ronnaplan.cli.case_options import with_documents, with_rules, with_sigmas
 from ronnaplan.cli.values import colour, number, whole
 from ronnaplan.planning.lengths import (
     BASE_MM,
+    ENTRIES,
     LEAST_APART_MM,
     LEAST_FROM_ENTRIES_MM,
     USUAL_DIAMETER_MM,
@@ -179,7 +180,9 @@ def configure_propose(parser: argparse.ArgumentParser) -> None:
     _with_instrument(parser)
     with_documents(parser)
     with_rules(parser)
-    parser.add_argument("--count", type=whole(1), default=5, metavar="N", help="proposals (default %(default)s)")
+    parser.add_argument(
+        "--count", type=whole(1), default=ENTRIES, metavar="N", help="proposals (default %(default)s)"
+    )
     parser.add_argument("--add", action="store_true", help="add the best one to the plan")
 
 

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from ronnaplan import __version__
 from ronnaplan.documents.fields import DocumentModel, Line, require_different_names
 from ronnaplan.documents.reading import read_settings
-from ronnaplan.jobs.rules import ScanRule
+from ronnaplan.jobs.rules import JobLimits, ScanRule
 
 RESULTS = 1
 """Counts the changes of what is kept of a series: another number has all done anew."""
@@ -32,11 +32,9 @@ class CohortRule(ScanRule):
     """Whether the contact sheet is drawn."""
 
 
-class Limits(DocumentModel):
+class Limits(JobLimits):
     """What one series may take."""
 
-    seconds: Annotated[float, Field(gt=0, le=86_400)] = 600.0
-    memory_mib: Annotated[int, Field(ge=256, le=1_000_000)] = 4096
     attempts: Annotated[int, Field(ge=1, le=1000)] = 3
     """How often a series is tried whose process died: somebody else may have ended it."""
 

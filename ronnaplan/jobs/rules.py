@@ -1,4 +1,4 @@
-"""Rules: what is looked for in which scan. The first rule that fits a series decides."""
+"""Rules: what is looked for in which scan, where the first that fits a series decides; and what that may take."""
 
 from __future__ import annotations
 
@@ -27,6 +27,13 @@ def _diameters(given: Any) -> Any:
         )
     # strict validation takes no list that it did not parse itself
     return tuple(given) if isinstance(given, list) else given
+
+
+class JobLimits(DocumentModel):
+    """What the work on one series may take."""
+
+    seconds: Annotated[float, Field(gt=0, le=86_400)] = 600.0
+    memory_mib: Annotated[int, Field(ge=256, le=1_000_000)] = 4096
 
 
 class ScanRule(DocumentModel):

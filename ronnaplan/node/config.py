@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from ronnaplan.documents.fields import DocumentModel, Label, Line, require_different_names
 from ronnaplan.documents.reading import read_settings
-from ronnaplan.jobs.rules import ScanRule
+from ronnaplan.jobs.rules import JobLimits, ScanRule
 
 ANY_ADDRESS = "any"
 """A peer's host that stands for every address."""
@@ -97,12 +97,10 @@ class Rule(ScanRule):
     """A folder with a folder for each study, named by its UID: its registration.json and plan.json are answers, too."""
 
 
-class Jobs(DocumentModel):
+class Jobs(JobLimits):
     """How work is done."""
 
     workers: Annotated[int, Field(ge=1, le=64)] = 1
-    seconds: Seconds = 600.0
-    memory_mib: Annotated[int, Field(ge=256, le=1_000_000)] = 4096
     attempts: Annotated[int, Field(ge=1, le=100)] = 4
     retry_s: Seconds = 30.0
     """Wait before the second attempt at a job or a delivery; doubled for each further one, up to an hour."""

@@ -60,7 +60,9 @@ class Receiver:
         self.config, self._log = config, log
         config.data.mkdir(parents=True, exist_ok=True)
         self._audit = Audit(config.data, config.audit, config.titles[0], log)
-        self._store = Store(config.data, log, self._audit, config.limits.least_free_mib, config.keep_days)
+        self._store = Store(
+            config.data, log, self._audit, keep_days=config.keep_days, least_free_mib=config.limits.least_free_mib
+        )
         self._moved: dict[Any, dict[str, Instances]] = defaultdict(dict)
         self._known: dict[Any, Counter[str]] = defaultdict(Counter)
         self._server: Server | None = None

@@ -70,7 +70,7 @@ class Store:
     """The instances below ``folder``. One process at a time may take arrivals."""
 
     def __init__(
-        self, folder: Path, log: Log, audit: Audit, least_free_mib: int = 0, keep_days: float = 30.0
+        self, folder: Path, log: Log, audit: Audit, *, keep_days: float, least_free_mib: int = 0
     ) -> None:
         self.folder, self._log, self._audit, self._least_free = folder, log, audit, least_free_mib * MIB
         self._keep_s, self._retention_due = keep_days * DAY_S, 0.0

@@ -1,4 +1,4 @@
-"""What markers and a printed template measure, and what layouts and paths keep, where nothing else is said.
+"""What markers and a printed template measure, what layouts and paths keep, where nothing else is said.
 
 Nothing is imported here, so that the command line can name them in its help at once.
 """
@@ -17,6 +17,9 @@ VISIBLE_DEG = 80.0
 
 TOLERANCE_MM = 2.0
 """A path's chance to stay within so much is told."""
+
+ENTRIES = 5
+"""So many are proposed for a target."""
 
 PLATE_MM, THICKNESS_MM = (120.0, 80.0), 4.0
 """A template's plate: from side to side, from front to back, and how thick it is."""

@@ -15,6 +15,7 @@ from ronnaplan.planning.candidates import Candidates, Field, cast, spread_direct
 from ronnaplan.planning.head import SKIN_HU, Head
 from ronnaplan.planning.landmarks import Landmarks
 from ronnaplan.planning.layers import Way
+from ronnaplan.planning.lengths import ENTRIES
 from ronnaplan.planning.limits import Limits, Verdict, all_pass, judge
 from ronnaplan.planning.measures import Measures, measure
 from ronnaplan.planning.obstacles import POST_RADIUS_MM, Kind, Obstacle, PostedMarker, Voxels
@@ -74,7 +75,7 @@ def propose(
     expected: Expectation = Expectation(),  # noqa: B008  # frozen
     landmarks: Landmarks | None = None,
     frame_axes: FloatArray = RAS_IN_LPS,
-    count: int = 5,
+    count: int = ENTRIES,
     directions: int = DIRECTIONS,
 ) -> Proposals:
     """Score every way from ``target_mm`` (3,), LPS, to the scalp and return up to ``count`` entries.

@@ -29,6 +29,7 @@ def test_the_example_is_read_and_its_first_fitting_rule_decides(tmp_path: Path) 
     first = first_fitting(rules.rule, SERIES)
     assert first is not None
     assert first.expected == 6
+    assert rules.limits == Rules().limits
     second = first_fitting(rules.rule, {**SERIES, "folder": "patients"})
     assert second is not None
     assert second.name == "all others"

@@ -8,7 +8,7 @@ import pytest
 
 from ronnaplan.cli import main
 from ronnaplan.errors import InputError
-from ronnaplan.node.config import read_config
+from ronnaplan.node.config import Config, read_config
 from ronnaplan.node.work import Order
 
 
@@ -19,6 +19,13 @@ def test_the_example_is_a_configuration_that_listens_on_this_machine_only(tmp_pa
     assert config.host == "127.0.0.1"
     assert config.rule[0].receivers == ("pacs",)
     assert config.data == tmp_path / "node-data"
+    left_out = Config()
+    assert (config.limits, config.jobs) == (left_out.limits, left_out.jobs)
+    assert (config.quiet_s, config.missing_s, config.keep_days) == (
+        left_out.quiet_s,
+        left_out.missing_s,
+        left_out.keep_days,
+    )
     assert main(["node", "--config", str(path), "--init"]) == 2
 
 
