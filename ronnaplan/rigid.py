@@ -62,6 +62,11 @@ def spans_a_plane(points_mm: FloatArray) -> bool:
     return not bool((spread[..., 1] <= COLLINEARITY_TOLERANCE * spread[..., 0]).any())
 
 
+def freedom(pairs: int) -> int:
+    """Return how many components of the residuals of so many pairs a fit leaves free: 3 N - 6."""
+    return 3 * pairs - 6
+
+
 def fre_rms_mm(matrix: FloatArray, moving_mm: FloatArray, fixed_mm: FloatArray) -> FloatArray:
     """Return the fiducial registration error (...) of ``matrix`` (..., 4, 4): root of Eq. 1's mean squared residual."""
     residual = fixed_mm - transform_points(matrix, moving_mm)

@@ -18,6 +18,7 @@ from ronnaplan.correspondence.rivals import LEAST_REGULAR, LOG_ODDS_PER_PAIR
 from ronnaplan.correspondence.told import LEAST_PAIRS, Told
 from ronnaplan.correspondence.weighing import Pose, is_alike, left_by, weigh_pairs
 from ronnaplan.geometry import FloatArray
+from ronnaplan.rigid import freedom
 
 LIKELY_PAIR = 0.5
 """Pairs of the best pose that are more probable than not are none of a body beside it."""
@@ -95,7 +96,7 @@ def is_other_body(best: Pose, rival: Pose) -> bool:
     What each explains is explained then, whichever is the patient: evidence does not tell.
     """
     size, left = len(rival.pairs), int((left_by(best.partner, rival.partner) >= 0).sum())
-    chi2 = max(rival.chi2, 3.0 * size - 6.0)
+    chi2 = max(rival.chi2, float(freedom(size)))
     return 2 * left >= size and fits_as_well(chi2, size, best.chi2, len(best.pairs))
 
 

@@ -28,6 +28,7 @@ from ronnaplan.correspondence.pairing import LEAST_PROBABILITY, IntArray
 from ronnaplan.correspondence.rivals import LEAST_REGULAR
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import MIRROR, FloatArray, require_sigma
+from ronnaplan.rigid import freedom
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 
 MOST_LAYOUT_POINTS = 32
@@ -108,7 +109,7 @@ class Layout:
         from scipy.special import gammaincinv, ndtri  # which take longer to load than most layouts to judge
 
         levels = (np.arange(QUADRATURE_STEPS) + 0.5) / QUADRATURE_STEPS
-        truths = np.asarray(2.0 * gammaincinv((3 * size - 6) / 2.0, levels), dtype=np.float64)
+        truths = np.asarray(2.0 * gammaincinv(freedom(size) / 2.0, levels), dtype=np.float64)
         gaps = d * d + 2.0 * d * ndtri(levels)
         return float(refused_share(truths, gaps, size, needed, if_larger, regular))
 

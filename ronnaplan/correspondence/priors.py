@@ -11,6 +11,7 @@ from kernelcache import njit
 from ronnaplan.correspondence.evidence import FEW_PAIRS, GATE_CHI2, LOOSE_CHI2, SCALE_PRIORS, SCALES
 from ronnaplan.correspondence.told import LEAST_PAIRS, Told
 from ronnaplan.geometry import FloatArray
+from ronnaplan.rigid import freedom
 
 SPREAD_MM = 60.0
 """Standard deviation per axis of markers about their center: on a head."""
@@ -78,6 +79,6 @@ def tail_beyond_gate(size: int) -> float:
     from scipy.special import gammaincc
 
     of_few = size <= FEW_PAIRS
-    half_freedom, beyond = (0.5, GATE_CHI2) if of_few else (1.5 * size - 3.0, LOOSE_CHI2)
+    half_freedom, beyond = (0.5, GATE_CHI2) if of_few else (freedom(size) / 2.0, LOOSE_CHI2)
     tails = [gammaincc(half_freedom, 0.5 * beyond / scale**2) for scale in SCALES]
     return float(np.dot(SCALE_PRIORS, tails)) * (math.comb(size, 2) if of_few else 1)

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, as_numbers, require_covariances
 from ronnaplan.pose import transform_points
-from ronnaplan.rigid import corrected_points, pose_covariance
+from ronnaplan.rigid import corrected_points, freedom, pose_covariance
 
 SMALLEST_VARIANCE_MM2 = 1e-18
 """Keeps a perfect (synthetic) fit's covariance invertible; a nanometre is no marker's error."""
@@ -67,7 +67,7 @@ def _one_side(values: ArrayLike | None, shape: tuple[int, ...], name: str) -> Fl
 def estimated_variance(matrix: FloatArray, moving_mm: FloatArray, fixed_mm: FloatArray) -> float:
     """Return the unbiased per-axis variance of the pairs' errors, from 3 N - 6 degrees of freedom."""
     residual = fixed_mm - transform_points(matrix, moving_mm)
-    return max(float((residual**2).sum()) / (3 * len(moving_mm) - 6), SMALLEST_VARIANCE_MM2)
+    return max(float((residual**2).sum()) / freedom(len(moving_mm)), SMALLEST_VARIANCE_MM2)
 
 
 def combined_covariances(matrix: FloatArray, moving_mm2: FloatArray, fixed_mm2: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ from ronnaplan.pose import point_jacobian, transform_points
 from ronnaplan.registration.covariances import SMALLEST_VARIANCE_MM2, combined_covariances
 from ronnaplan.registration.flags import MISFIT_PROBABILITY
 from ronnaplan.registration.registration import Registration
-from ronnaplan.rigid import fit_closed_form, fit_likelihood, pose_covariance, spans_a_plane
+from ronnaplan.rigid import fit_closed_form, fit_likelihood, freedom, pose_covariance, spans_a_plane
 
 A_STRETCH = "a stretch of one side"
 """What else than a marker may explain the misfit: see `Registration.stretch`."""
@@ -127,17 +127,17 @@ def _leave_out(registration: Registration, index: int) -> tuple[FloatArray, Floa
     squares = (residual * np.linalg.solve(combined, residual[..., None])[..., 0]).sum(axis=-1)
     chi_square = float(squares[keep].sum())
     excess = max(registration.chi_square - chi_square, 0.0)
-    freedom = 3 * len(moving) - 6
+    free = freedom(len(moving))
     if stated is None:  # scale by what the others scatter, so that the suspect does not hide itself
-        scale = max(chi_square / freedom, SMALLEST_VARIANCE_MM2 / float(combined[index, 0, 0]))
+        scale = max(chi_square / free, SMALLEST_VARIANCE_MM2 / float(combined[index, 0, 0]))
         combined, excess = combined * scale, excess / scale
     jacobian = point_jacobian(mapped[index])
     covariance = jacobian @ pose_covariance(mapped[keep], combined[keep]) @ jacobian.T + combined[index]
     if stated is None:
-        return residual[index], covariance, float(fdtrc(3, freedom, excess / 3)), np.nan
+        return residual[index], covariance, float(fdtrc(3, free, excess / 3)), np.nan
     return (
         residual[index],
         covariance,
         float(gammaincc(1.5, excess / 2)),
-        float(gammaincc(freedom / 2, chi_square / 2)),
+        float(gammaincc(free / 2, chi_square / 2)),
     )

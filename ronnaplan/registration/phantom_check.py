@@ -114,7 +114,7 @@ class PhantomCheck:
     @property
     def hidden_share(self) -> float:
         """What is seen of the errors after the fit, as a share of their size: it takes six figures out of 3 N."""
-        return float(np.sqrt(1.0 - 6.0 / (3.0 * len(self.registration))))
+        return float(np.sqrt(self.registration.degrees_of_freedom / (3 * len(self.registration))))
 
     @property
     def in_slices_rms_mm(self) -> float:

@@ -25,7 +25,7 @@ from ronnaplan.registration.covariances import (
 )
 from ronnaplan.registration.flags import LOOSE_ROTATION_DEG, MIRROR_GAIN, MISFIT_PROBABILITY, RegistrationFlag
 from ronnaplan.registration.stretch import explaining_stretch
-from ronnaplan.rigid import fit_closed_form, fit_likelihood, fre_rms_mm, require_spread
+from ronnaplan.rigid import fit_closed_form, fit_likelihood, fre_rms_mm, freedom, require_spread
 
 if TYPE_CHECKING:
     from ronnaplan.ct.volume import CTVolume, ScalarMap
@@ -134,7 +134,7 @@ class Registration(Shown[RegisteredPair]):
     @property
     def degrees_of_freedom(self) -> int:
         """Independent residual components, 3 N - 6."""
-        return 3 * len(self.moving_mm) - 6
+        return freedom(len(self.moving_mm))
 
     @cached_property
     def chi_square(self) -> float:
