@@ -14,9 +14,10 @@ from typing import Final
 
 from ronnaplan.ct import tags
 from ronnaplan.ct.apart import what_it_has
+from ronnaplan.ct.copies import CUT_COPY, without_cut_copies
 from ronnaplan.ct.files import Blob, DamagedError, NotDicomError, Skipped, given_path
 from ronnaplan.ct.folders import blobs_below
-from ronnaplan.ct.frames import images_of, why_not_scan
+from ronnaplan.ct.frames import images_of, lacks_a_file, why_not_scan
 from ronnaplan.ct.header import read_header
 from ronnaplan.ct.limits import DEFAULT_LIMITS, Limits
 from ronnaplan.ct.no_dicom import is_failed_copy, why_no_dicom
@@ -42,7 +43,8 @@ class Series:
     """One series, or one part of a series that holds several stacks.
 
     ``key`` chooses it: the SeriesInstanceUID, with ``#2`` and so on where a series falls into parts.
-    ``problems`` say why it cannot be read; empty for a usable CT.
+    ``problems`` say why it cannot be read; empty for a usable CT. ``cut`` tells of files of it that were passed over,
+    as they are the beginnings of others.
     """
 
     key: str
@@ -50,6 +52,7 @@ class Series:
     file_count: int
     stack: Stack | None
     problems: tuple[str, ...]
+    cut: tuple[str, ...] = ()
 
     @property
     def is_usable(self) -> bool:
@@ -59,7 +62,7 @@ class Series:
     @property
     def notes(self) -> tuple[str, ...]:
         """Reasons to doubt a usable series."""
-        return self.stack.flags if self.stack is not None else ()
+        return (*self.stack.flags, *self.cut) if self.stack is not None else ()
 
     @property
     def apart(self) -> tuple[str, ...]:
@@ -250,11 +253,15 @@ def _parts(instances: list[Instance], kinds: Mapping[str, frozenset[str]]) -> li
             images.extend(images_of(instance))
         except DamagedError as error:
             damaged[str(error)].append(instance)
+    cut = without_cut_copies(damaged, [image.instance for image in images])
     broken = tuple(f"{_counted(files, len(instances))}: {reason}" for reason, files in damaged.items())
+    told = (f"{_counted(cut, len(instances))}: {CUT_COPY}",) if cut else ()
     stacks = stacks_of(images)
+    if cut:
+        stacks = [stack.flagged(VolumeFlag.UNREADABLE_FILES) for stack in stacks]
     if any(instance.pixels is not None for files in outside.values() for instance in files):
         stacks = [stack.flagged(VolumeFlag.IMAGES_LEFT_OUT) for stack in stacks]
-    if _lacks_a_file(instances):
+    if lacks_a_file(instances):
         stacks = [stack.flagged(VolumeFlag.MISSING_SLICE) for stack in stacks]
     found: list[tuple[Instance, int, Stack | None, tuple[str, ...]]] = [
         (stack.slices[0].instance, len(stack.slices), stack, (*_problem(stack), *broken)) for stack in stacks
@@ -263,7 +270,7 @@ def _parts(instances: list[Instance], kinds: Mapping[str, frozenset[str]]) -> li
         found.append((next(iter(damaged.values()))[0], len(instances), None, broken))
     found += [(files[0], len(files), None, (reason,)) for reason, files in outside.items()]
     return [
-        Series(uid if len(found) == 1 else f"{uid}#{number}", first, count, stack, problems)
+        Series(uid if len(found) == 1 else f"{uid}#{number}", first, count, stack, problems, told)
         for number, (first, count, stack, problems) in enumerate(found, start=1)
     ]
 
@@ -274,17 +281,6 @@ def _counted(files: list[Instance], total: int) -> str:
     if len(files) == total:
         return counted
     return f"{counted} ({'' if len(files) == 1 else 'the first is '}{files[0].blob.name})"
-
-
-def _lacks_a_file(instances: list[Instance]) -> bool:
-    """Whether there are some but not all of the files that share the frames of one image."""
-    numbers: dict[str, set[int]] = defaultdict(set)
-    counts: dict[str, int] = defaultdict(int)
-    for one in instances:
-        if one.concatenation:
-            numbers[one.concatenation].add(one.file_number)
-            counts[one.concatenation] = max(counts[one.concatenation], one.file_number, one.file_count)
-    return any(len(numbers[image]) < count for image, count in counts.items())
 
 
 def _declared_images(series: Series) -> int:

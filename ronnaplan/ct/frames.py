@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Mapping
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final, Literal
 
@@ -257,3 +258,14 @@ def _rescale(facts: Elements) -> tuple[float, float]:
     if slope[0] == 0.0 or max(abs(slope[0]), abs(intercept[0])) > LARGEST_HU:
         raise DamagedError(f"its rescale slope {slope[0]} and intercept {intercept[0]} cannot be right")
     return slope[0], intercept[0]
+
+
+def lacks_a_file(instances: Sequence[Instance]) -> bool:
+    """Whether there are some but not all of the files that share the frames of one image."""
+    numbers: dict[str, set[int]] = defaultdict(set)
+    counts: dict[str, int] = defaultdict(int)
+    for one in instances:
+        if one.concatenation:
+            numbers[one.concatenation].add(one.file_number)
+            counts[one.concatenation] = max(counts[one.concatenation], one.file_number, one.file_count)
+    return any(len(numbers[image]) < count for image, count in counts.items())

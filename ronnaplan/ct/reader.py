@@ -149,7 +149,7 @@ def read_series(
         description=first.description,
         kernel=slices[0].kernel,
     )
-    flags = (*stack.flags, *beside)
+    flags = tuple(dict.fromkeys((*stack.flags, *beside)))
     if first.modality == "CT" and _has_doubtful_sign(slices, voxels, padding_hu, limits):
         flags = (*flags, VolumeFlag.SIGN)
     volume = CTVolume(voxels, stack.grid, source, padding_hu, flags)

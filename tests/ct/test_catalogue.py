@@ -1,3 +1,5 @@
+import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pydicom.data
@@ -12,7 +14,7 @@ from ronnaplan.ct.files import DamagedError, Skipped
 from ronnaplan.ct.limits import Limits
 from ronnaplan.ct.summary import summarize
 from ronnaplan.errors import InputError
-from tests.ct.makers import SERIES, enhanced, save, write_series
+from tests.ct.makers import SERIES, dataset, enhanced, pattern, save, write_series
 
 DICOMDIR = Path(pydicom.data.__file__).parent / "test_files" / "dicomdirtests" / "DICOMDIR"
 
@@ -143,6 +145,41 @@ def test_a_slice_cut_off_within_its_pixels_makes_the_series_unusable(tmp_path: P
         read_ct(tmp_path)
     (tmp_path / "003").write_bytes((tmp_path / "003").read_bytes()[:-10])
     with pytest.raises(InputError, match=r"2 of 4 files \(the first is \S+002\): it declares"):
+        read_ct(tmp_path)
+
+
+def test_a_copy_cut_short_is_passed_over_beside_the_whole_one(tmp_path: Path) -> None:
+    """It is the beginning of that, byte for byte; of anything else nobody knows which of the two is right."""
+    write_series(tmp_path)
+    whole = (tmp_path / "002").read_bytes()
+    expected = read_ct(tmp_path)
+    (tmp_path / "copy").write_bytes(whole[:-10])
+    (one,) = find_series(tmp_path).series
+    assert re.search(r"1 of 5 files \(\S+copy\): the beginning of another, .* delete it", one.notes[-1])
+    read = read_ct(tmp_path)
+    assert read.voxel_sha256 == expected.voxel_sha256
+    assert read.flags == (VolumeFlag.UNREADABLE_FILES,)
+    (tmp_path / "unread.dcm").write_bytes(b"")
+    assert read_ct(tmp_path).flags == (VolumeFlag.UNREADABLE_FILES,)
+
+
+@pytest.mark.parametrize(
+    "written", [lambda whole: whole[:-11] + b"\xff", lambda whole: whole[: whole.index(b"\x28\0\x10\0")]]
+)
+def test_what_may_be_another_slice_is_no_copy_cut_short(tmp_path: Path, written: Callable[[bytes], bytes]) -> None:
+    """Bytes that differ, and a header that ends before the pixels: some programs give all slices one UID."""
+    write_series(tmp_path)
+    (tmp_path / "copy").write_bytes(written((tmp_path / "002").read_bytes()))
+    with pytest.raises(InputError, match=r"1 of 5 files \(\S+copy\): it "):
+        read_ct(tmp_path)
+
+
+def test_a_copy_cut_short_does_not_choose_between_two_whole_ones(tmp_path: Path) -> None:
+    write_series(tmp_path)
+    other = dataset(2, stored=pattern(7))
+    save(other, tmp_path / "other")
+    (tmp_path / "copy").write_bytes((tmp_path / "other").read_bytes()[:-10])
+    with pytest.raises(InputError, match="different images lie at the same place"):
         read_ct(tmp_path)
 
 
