@@ -25,8 +25,9 @@ TILT_TOLERANCE_DEG = 0.5
 CUBE_TOLERANCE = 0.01
 """Voxels whose edges differ by this share at most are cubes."""
 
-PIXEL_SIZE_RANGE_MM: Final = (1e-3, 100.0)
-"""Pixel spacings outside are a damaged header or another unit."""
+PIXEL_SIZE_RANGE_MM: Final = (1e-2, 100.0)
+"""Voxels outside are a damaged header or another unit: no scanner that a head fits into has finer ones. Of those in
+metres only voxels of 10 mm and more would pass, which show no marker."""
 
 FARTHEST_MM: Final = 1e5
 """Positions farther from the origin are a damaged header."""
@@ -47,7 +48,10 @@ def require_grid(affine: FloatArray) -> None:
     lengths = [float(np.linalg.norm(step)) for step in (column_step, row_step, slice_step)]
     low, high = PIXEL_SIZE_RANGE_MM
     if not all(low <= length <= high for length in lengths):
-        raise InputError(f"its voxels measure {lengths} mm, expected {low} to {high} mm each way")
+        measure = " x ".join(f"{length:.3g}" for length in lengths)
+        raise InputError(
+            f"its voxels measure {measure} mm, expected {low:g} to {high:g} mm each way; state lengths in millimetres"
+        )
     if not float(np.abs(origin).max()) <= FARTHEST_MM:
         raise InputError(f"it lies more than {FARTHEST_MM / 1000.0:g} m from the origin")
     if abs(column_step @ row_step) > PERPENDICULAR_TOLERANCE * lengths[0] * lengths[1]:

@@ -151,7 +151,9 @@ def _steps(image: SliceImage) -> tuple[FloatArray, FloatArray]:
     along_row, along_column = np.array(image.orientation[:3]), np.array(image.orientation[3:])
     low, high = PIXEL_SIZE_RANGE_MM
     if not all(low <= value <= high for value in image.spacing_mm):
-        raise InputError(f"its pixel spacing {list(image.spacing_mm)} is not between {low} and {high} mm")
+        raise InputError(
+            f"its pixel spacing {list(image.spacing_mm)} is not between {low:g} and {high:g} mm; export it again"
+        )
     row_spacing, column_spacing = image.spacing_mm
     return unit(along_column) * row_spacing, unit(along_row) * column_spacing
 

@@ -104,6 +104,11 @@ def test_what_no_regular_grid_holds_is_refused() -> None:
     [
         (np.zeros((3, 4)), np.eye(4), r"shape \(3, 4\)"),
         (np.zeros((3, 4, 4), complex), np.eye(4), "complex128"),
+        (
+            np.zeros((3, 4, 4)),
+            np.diag([5e-3, 1e-3, 2e-3, 1.0])[[2, 1, 0, 3]],
+            r"expected 0\.01 to 100 mm each way; state lengths in millimetres",
+        ),
         (np.full((3, 4, 4), np.nan), np.eye(4), "not finite"),
         (np.full((3, 4, 4), np.inf, np.float16), np.eye(4), "not finite"),
         (np.full((3, 4, 4), 1e30), np.eye(4), r"finite numbers up to 1e\+06"),
@@ -114,7 +119,7 @@ def test_what_no_regular_grid_holds_is_refused() -> None:
         (np.zeros((3, 4, 4)), np.eye(4) + 1j, "affine's entries are complex"),
         (np.zeros((3, 4, 4)), np.ma.masked_equal(np.eye(4), 1.0), "affine's entries are masked"),
         (np.zeros((3, 4, 4)), np.eye(4).astype(str), "affine's entries are not numbers"),
-        (np.zeros((3, 4, 4)), np.diag([1.5e-3, 1e-4, 1e-4, 1.0]), r"measure \[0\.0001, 0\.0001, 0\.0015\] mm"),
+        (np.zeros((3, 4, 4)), np.diag([1.5e-3, 1e-4, 1e-4, 1.0]), r"measure 0.0001 x 0.0001 x 0.0015 mm"),
         (np.zeros((3, 4, 4)), np.eye(4) + 2e5 * np.eye(4, k=3), "100 m from the origin"),
         (np.zeros((3, 4, 4)), np.eye(4) + 0.01 * np.eye(4, k=-1) * [0, 1, 0, 0], "not perpendicular"),
         (np.zeros((3, 4, 4)), np.diag([0, 1.0, 1.0, 1.0]) + np.eye(4, k=-1) * [1, 0, 0, 0], "do not stack"),

@@ -218,8 +218,8 @@ def test_positions_and_sizes_that_no_patient_has_are_refused(tmp_path: Path) -> 
     for old, new, reason in (
         (b"Offset = -10", b"Offset = -1e308", r"expected finite numbers up to 1e\+09"),
         (b"Offset = -10", b"Offset = -100001", "more than 100 m from the origin"),
-        (b"Spacing = 0.75", b"Spacing = 1e-300", "expected 0.001 to 100"),
-        (b"Spacing = 0.75", b"Spacing = 101", "expected 0.001 to 100"),
+        (b"Spacing = 0.75", b"Spacing = 1e-300", "expected 0.01 to 100"),
+        (b"Spacing = 0.75", b"Spacing = 101", "expected 0.01 to 100"),
     ):
         assert old in content
         path.write_bytes(content.replace(old, new))

@@ -76,7 +76,7 @@ def header_and_voxels(path: Path) -> tuple[bytes, bytes]:
         (b"(0,0,2)", b"none", r"space directions, expected 3 of \(x,y,z\)"),
         (b"(0,0,2)", b"(0,0,1_0)", "as its space directions"),
         (b"(0,0,2)", b"(0,0,inf)", "as its space directions"),
-        (b"(0,0,2)", b"(0,0,0)", "expected 0.001 to 100"),
+        (b"(0,0,2)", b"(0,0,0)", "expected 0.01 to 100"),
     ],
 )
 def test_a_header_that_leaves_a_voxel_or_a_value_open_is_refused(

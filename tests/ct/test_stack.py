@@ -456,8 +456,8 @@ def test_more_parts_than_a_series_can_sensibly_have_are_refused_in_bounded_time(
         ("ImageOrientationPatient", None, "its image has no orientation"),
         ("ImagePositionPatient", None, "its image has no position"),
         ("ImagePositionPatient", [0, 0, 1e9], "more than 100 m"),
-        ("PixelSpacing", [0, 0.5], "is not between 0.001 and 100"),
-        ("PixelSpacing", [-0.5, 0.5], "is not between 0.001 and 100"),
+        ("PixelSpacing", [0, 0.5], "is not between 0.01 and 100"),
+        ("PixelSpacing", [-0.5, 0.5], "is not between 0.01 and 100"),
         ("PixelSpacing", None, "its image has no pixel spacing"),
     ],
 )
