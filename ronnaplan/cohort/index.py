@@ -97,6 +97,15 @@ class Index(Database):
         (found,) = self.rows("SELECT root, archive FROM places WHERE id = ?", number)
         return Place(*found)
 
+    def left_out(self, root: str, reason: str) -> list[tuple[str, str]]:
+        """Return the members (archive, path in it) of a root's archives that were not looked into for ``reason``."""
+        found = self.rows(
+            "SELECT places.archive, ltrim(folder || '/' || name, '/') FROM files JOIN places ON places.id = place"
+            " WHERE root = ? AND places.archive != '' AND reason = ? ORDER BY place, folder, name",
+            *(root, reason),
+        )
+        return [(archive, member) for archive, member in found]
+
     def count(self, state: str) -> int:
         """Return how many series are in ``state``."""
         number: int = self.value("SELECT COUNT(*) FROM series WHERE state = ?", state)

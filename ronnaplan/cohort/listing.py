@@ -72,6 +72,9 @@ def bring_up_to_date(index: Index, roots: Sequence[str], *, progress: bool = Fal
         index.run(
             "DELETE FROM places WHERE archive != '' AND NOT EXISTS (SELECT 1 FROM files WHERE archive = places.id)"
         )
+    for place in map(Place, roots):  # each time, though nothing is read of archives that are as they were
+        left = index.left_out(place.root, NESTED)
+        listed.skipped += [printable(f"{place.path('', archive)}:{member}: {NESTED}") for archive, member in left]
     return listed
 
 
@@ -181,12 +184,10 @@ def _looked_into(place: Place, met: Met, blob: Blob) -> _LookedInto:
     is_zip = met.name.lower().endswith(".zip")  # if it holds something else, it is told as damaged when opened
     if place.is_archive(met.folder, met.name, met.size) or (is_zip and not place.archive and not why.is_trouble):
         return _LookedInto(met, None, is_archive=True)
-    reason = why.reason
-    is_nested = bool(place.archive) and is_zip
-    if is_nested:
-        reason = NESTED
-    told = f"{why.name}: {reason}" if why.is_trouble or is_nested else ""
-    return _LookedInto(met, None, reason, why.is_trouble, told)
+    if place.archive and is_zip:
+        return _LookedInto(met, None, NESTED, why.is_trouble)
+    told = f"{why.name}: {why.reason}" if why.is_trouble else ""
+    return _LookedInto(met, None, why.reason, why.is_trouble, told)
 
 
 def _list_archive(index: Index, number: int, root: str, met: Met, listed: Listed) -> None:

@@ -225,13 +225,16 @@ def test_results_below_a_root_are_not_listed(index: Index, tmp_path: Path) -> No
     assert {folder for (folder,) in index.rows("SELECT folder FROM files")} == {"in"}
 
 
-def test_an_archive_within_an_archive_is_told(index: Index, tmp_path: Path) -> None:
+def test_an_archive_within_an_archive_is_told_each_time(index: Index, tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
     zipped(tiny(tmp_path / "elsewhere", "1"), tmp_path / "in" / "a.zip")
     with zipfile.ZipFile(tmp_path / "in" / "outer.zip", "w") as made:
         made.write(tmp_path / "in" / "a.zip", "study/a.zip")
-    (told,) = bring_up_to_date(index, [str(tmp_path / "in")]).skipped
-    assert "outer.zip:study/a.zip: an archive within an archive" in told
+    for _ in range(2):
+        (told,) = bring_up_to_date(index, [str(tmp_path / "in")]).skipped
+        assert told.startswith(f"{tmp_path / 'in' / 'outer.zip'}:study/a.zip: an archive within an archive")
+    (tmp_path / "in" / "outer.zip").unlink()
+    assert not bring_up_to_date(index, [str(tmp_path / "in")]).skipped
 
 
 def test_members_that_cannot_be_read_are_told_each_time_and_alone_tried_again(
