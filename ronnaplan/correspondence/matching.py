@@ -5,8 +5,10 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from numbers import Real
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.bounds import FARTHEST_POINT_MM
@@ -33,6 +35,12 @@ FEW_POINTS = 6
 MOST_NODES = 1600
 """Every pairing is listed, if that is soon done, of two sets of up to `MOST_LISTED_POINTS`, or of up to `FEW_POINTS`
 against more, with `MOST_NODES` pairs of points at most. Of larger sets, or more regular ones, every pose is sought."""
+
+SMALL_MM = 30.0
+"""Markers on a head spread over 100 mm and more along some axis, 300 at most: where both sets are refused and spread
+over less than this along each, it is said that they may be in cm."""
+
+OR_CENTIMETRES = f"both sets spread over less than {SMALL_MM:g} mm: if they are in cm, convert them to millimetres"
 
 
 def match_points(
@@ -106,6 +114,8 @@ def match_points(
         answer = match_large(problem, least_probability)
         if listed and answer.status == "unmatched" and not answer.rivals and answer.reason != LEFT_HANDED:
             answer = _not_listed(problem)
+    if answer.status != "unique" and max(float(np.ptp(points, axis=0).max()) for points in (ct, ots)) < SMALL_MM:
+        answer = replace(answer, reason=f"{answer.reason}; {OR_CENTIMETRES}")
     LOG.info("paired %d CT with %d tracker points: %r", *counts, answer)
     for rival in answer.rivals:
         LOG.debug("a rival %.1f nats below: %s", rival.log_evidence_below, rival.pairs.tolist())

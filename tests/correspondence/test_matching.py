@@ -211,6 +211,22 @@ def test_readings_of_another_patient_are_told_from_too_few_of_this_one() -> None
     assert "have more of the markers read" in pairing.reason
 
 
+def test_sets_that_may_be_in_centimetres_are_refused_with_that() -> None:
+    """A head of 200 mm is one of 20 there, and errors in mm are so large that much fits."""
+    rng = np.random.default_rng(3)
+    ct = rng.uniform(-100, 100, (8, 3))
+    seen = Rotation.random(random_state=1).apply(ct[:5]) + rng.normal(0, 0.3, (5, 3))
+    ots = np.vstack([seen, rng.uniform(-100, 100, (3, 3))])
+    assert match_points(ct, ots).status == "unique"
+    small = match_points(ct / 10, ots / 10)
+    assert small.status != "unique"
+    assert small.reason.endswith("less than 30 mm: if they are in cm, convert them to millimetres")
+    for others in (ots, ct):  # the spread of one set is enough to tell that it is in mm
+        refused = match_points(others / 10, rng.uniform(-100, 100, (8, 3)))
+        assert refused.reason
+        assert "cm" not in refused.reason
+
+
 def test_collinear_markers_are_refused() -> None:
     line = np.array([[0, 0, 0], [50, 0.2, 0], [80, 0, 0.3], [170, 0, 0.0]])
     pairing = match_points(line, line, expected=4)
