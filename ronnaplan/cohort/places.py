@@ -73,7 +73,7 @@ class RemoteFile(Copied):
         try:
             return bytes(self.files.cat_file(self.path, start=offset, end=min(offset + count, self.size)))
         except Exception as error:  # each store's library has errors of its own
-            raise DamagedError(f"it cannot be fetched ({printable(error)})") from error
+            raise DamagedError(f"it cannot be fetched ({printable(error)}); see to its store") from error
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,9 @@ class Place:
             if isinstance(value, bytes):
                 found.append(Fetched(printable(path), value))
             else:
-                skipped.append(Skipped(printable(path), f"it cannot be fetched ({printable(value)})", True))
+                skipped.append(
+                    Skipped(printable(path), f"it cannot be fetched ({printable(value)}); see to its store", True)
+                )
         return found
 
     def is_archive(self, folder: str, name: str, size: int) -> bool:
@@ -228,7 +230,7 @@ class Place:
             try:
                 listed = files.ls(folder, detail=True)
             except Exception as error:
-                reason = f"the folder cannot be opened ({printable(error)})"
+                reason = f"the folder cannot be opened ({printable(error)}); see to its store"
                 skipped.append(Skipped(printable(folder or self.root), reason, True, folder))
                 continue
             below = self.below(folder)

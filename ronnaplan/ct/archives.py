@@ -92,7 +92,7 @@ class _Unpacking:
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         if isinstance(error, _DAMAGE):
-            raise DamagedError(f"it cannot be unpacked ({printable(error)})") from error
+            raise DamagedError(f"it cannot be unpacked ({printable(error)}); copy its archive again") from error
 
 
 class _BoundedReader(io.BufferedReader):
@@ -164,7 +164,13 @@ def zip_members(
             reason = f"it is packed by method {info.compress_type}, which is not read; unpack the archive first"
             skipped.append(Skipped(member.name, reason, True))
         elif info.file_size > limits.file_bytes:
-            skipped.append(Skipped(member.name, f"it declares {info.file_size} bytes, above the limit", True))
+            skipped.append(
+                Skipped(
+                    member.name,
+                    f"it declares {info.file_size} bytes, above the limit; raise that if you trust it",
+                    True,
+                )
+            )
         elif info.file_size <= _UNPACKED_IN_MEMORY_BYTES:
             yield member
         else:

@@ -227,7 +227,7 @@ def read_instance(blob: Blob, limits: Limits, skipped: list[Skipped]) -> Instanc
     except NotDicomError as error:
         skipped.append(Skipped(blob.name, why_no_dicom(blob) or str(error), is_failed_copy(blob)))
     except DamagedError as error:
-        skipped.append(Skipped(blob.name, str(error), True))
+        skipped.append(Skipped(blob.name, error.with_remedy("copy it again"), True))
     else:
         if instance.series_uid is not None and instance.sop_class != DICOMDIR_CLASS:
             return instance
@@ -252,7 +252,7 @@ def _parts(instances: list[Instance], kinds: Mapping[str, frozenset[str]]) -> li
         try:
             images.extend(images_of(instance))
         except DamagedError as error:
-            damaged[str(error)].append(instance)
+            damaged[error.with_remedy("export it again")].append(instance)
     cut = without_cut_copies(damaged, [image.instance for image in images])
     broken = tuple(f"{_counted(files, len(instances))}: {reason}" for reason, files in damaged.items())
     told = (f"{_counted(cut, len(instances))}: {CUT_COPY}",) if cut else ()

@@ -39,9 +39,9 @@ def require_whole(blob: Blob, header: Header) -> None:
     Of whole ones nothing else is asked: it may be a picture that nobody here reads.
     """
     if header.pixel_tag is None and text(header.elements, tags.SOP_CLASS_UID) in _WITH_PIXELS:
-        raise DamagedError("it ends before its pixels")
+        raise DamagedError("it ends before its pixels; copy it again")
     if header.pixels_missing:
-        raise DamagedError(f"{header.pixels_missing} bytes of its pixels are missing")
+        raise DamagedError(f"{header.pixels_missing} bytes of its pixels are missing; copy it again")
     if header.pixel_tag is not None and header.pixel_length is None:
         try:
             for _ in _runs(blob.read, header.pixel_offset, blob.size):
@@ -58,7 +58,7 @@ def items(read: Read, position: int, size: int) -> tuple[tuple[int, ...], list[R
     if len(fragments) > MOST_FRAGMENTS + 1:
         raise DamagedError(f"its compressed pixels lie in more than {MOST_FRAGMENTS} fragments")
     if len(fragments) < 2:
-        raise DamagedError("its compressed pixels are empty")
+        raise DamagedError("its compressed pixels are empty; copy it again")
     start, length = fragments.pop(0)
     content = read(start, min(length, 4 * MOST_FRAGMENTS))
     return struct.unpack(f"<{len(content) // 4}L", content[: len(content) // 4 * 4]), fragments
@@ -85,5 +85,5 @@ def _item_length(read: Read, position: int) -> int | None:
     if tag == tags.SEQUENCE_DELIMITATION_ITEM:
         return None
     if tag != tags.ITEM:
-        raise DamagedError("its compressed pixels are broken")
+        raise DamagedError("its compressed pixels are broken; copy it again")
     return int(length)

@@ -26,6 +26,11 @@ class NotDicomError(InputError):
 class DamagedError(InputError):
     """The file is of the right kind but broken."""
 
+    def with_remedy(self, remedy: str) -> str:
+        """Return what was found and what to do; a sentence that says that itself, behind a semicolon, as it is."""
+        found = str(self)
+        return found if ";" in found else f"{found}; {remedy}"
+
 
 class Blob(Protocol):
     """A named run of bytes; reading raises `DamagedError` where it cannot be opened or unpacked."""
@@ -102,7 +107,7 @@ class DiskFile:
         try:
             yield descriptor
         except OSError as error:
-            raise DamagedError(f"it cannot be read ({error.strerror})") from error
+            raise DamagedError(f"it cannot be read ({error.strerror}); see to its disk") from error
         finally:
             os.close(descriptor)
 
@@ -117,10 +122,12 @@ def _open_descriptor(path: str | os.PathLike[str], shown: str) -> int:
         descriptor = os.open(path, _READ_WITHOUT_WAITING)
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
-        raise DamagedError(f"{shown} cannot be opened ({printable(reason)})") from error
+        raise DamagedError(
+            f"{shown} cannot be opened ({printable(reason)}); see whether you may read it"
+        ) from error
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)
-        raise DamagedError(f"{shown} is not a regular file")
+        raise DamagedError(f"{shown} is not a regular file; leave it out")
     return descriptor
 
 

@@ -97,7 +97,9 @@ def _left_out(entry: _Entry, parent: _Folder, limits: Limits) -> Skipped | None:
     if is_system_folder(entry.name):
         return Skipped(printable(entry.path), WHY_LEFT_OUT, False)
     if parent.depth == limits.folder_depth:
-        return Skipped(printable(entry.path), "the folders nest too deeply", True, entry.path)
+        return Skipped(
+            printable(entry.path), "the folders nest too deeply; name this one by itself", True, entry.path
+        )
     return None
 
 
@@ -121,4 +123,6 @@ def _entries(folder: str, skipped: list[Skipped]) -> Iterator[_Entry]:
 
 
 def _unopened(what: str, path: str, error: OSError) -> Skipped:
-    return Skipped(printable(path), f"{what} cannot be opened ({error.strerror})", True, path)
+    return Skipped(
+        printable(path), f"{what} cannot be opened ({error.strerror}); see whether you may read it", True, path
+    )

@@ -75,7 +75,7 @@ def _why_not_pixels(pixels: PixelFormat) -> str | None:
     if pixels.fault is not None:
         return pixels.fault
     if pixels.samples != 1:
-        return "a colour picture, not a scan"
+        return "a colour picture, not a scan; leave it out"
     if pixels.photometric != "MONOCHROME2":
         return f"its photometric interpretation is {pixels.photometric}, expected MONOCHROME2"
     if pixels.tag == tags.PIXEL_DATA:
@@ -100,7 +100,7 @@ def _why_not_plain(pixels: PixelFormat, length: int) -> str | None:
         return LARGE_DEFLATED
     declared = pixels.frame_bytes * pixels.frames
     if not declared <= length <= declared + declared % 2:  # a value is filled up to an even length
-        return f"it declares {declared} bytes of pixels but holds {length}"
+        return f"it declares {declared} bytes of pixels but holds {length}; copy it again"
     return None
 
 

@@ -36,7 +36,7 @@ def read_voxels(header: ImageHeader, *, k_flips: bool) -> Voxels:
     except UNPACKING_ERRORS as error:
         raise DamagedError("it cannot be read to its end; copy it again") from error
     except MemoryError as error:
-        raise DamagedError("its voxels need more memory than there is") from error
+        raise DamagedError("its voxels need more memory than there is; choose a smaller scan") from error
 
 
 def _filled(header: ImageHeader, stream: BinaryIO, k_flips: bool) -> Voxels:

@@ -68,11 +68,14 @@ def open_image(path: Path, limits: Limits, modalities: Collection[str] = tuple(C
     try:
         header = _header(path, limits)
         if header.modality not in modalities:
-            raise DamagedError(f"its modality is {printable(header.modality, 60)}, not {' or '.join(modalities)}")
+            wanted = " or ".join(modalities)
+            raise DamagedError(
+                f"its modality is {printable(header.modality, 60)}, not {wanted}; give a scan that is {wanted}"
+            )
         _check_size(header.shape, limits)
         grid, k_flips = _grid(header.lps_from_index, header.shape[0])
     except DamagedError as error:
-        raise InputError(f"{printable(path)} cannot be used: {error}") from error
+        raise InputError(f"{printable(path)} cannot be used: {error.with_remedy('convert it again')}") from error
     return ImageFile(path, header, grid, k_flips)
 
 
@@ -82,7 +85,7 @@ def read_image(path: Path, limits: Limits, modalities: Collection[str] = tuple(C
     try:
         voxels = read_voxels(image.header, k_flips=image.k_flips)
     except DamagedError as error:
-        raise InputError(f"{printable(path)} cannot be used: {error}") from error
+        raise InputError(f"{printable(path)} cannot be used: {error.with_remedy('convert it again')}") from error
     return CTVolume(
         voxels_hu=voxels,
         grid=image.grid,
@@ -105,7 +108,9 @@ def _header(path: Path, limits: Limits) -> ImageHeader:
 def _check_size(shape: tuple[int, int, int], limits: Limits) -> None:
     count, rows, columns = shape
     if min(shape) < 2:
-        raise DamagedError(f"it has {columns} x {rows} x {count} voxels; expected two or more each way")
+        raise DamagedError(
+            f"it has {columns} x {rows} x {count} voxels, expected two or more each way; give the whole scan"
+        )
     needed = count * rows * columns * np.dtype(np.float32).itemsize
     if needed > limits.volume_bytes:
         raise DamagedError(

@@ -110,7 +110,8 @@ def nifti_header(path: Path, stream: BinaryIO, limits: Limits) -> ImageHeader:
     (intent,) = fields["intent_code"]
     if intent not in _PLAIN:
         raise DamagedError(
-            f"its values have the intent {intent} (a statistic, vectors, ...), so they are no image's"
+            f"its values have the intent {intent} (a statistic, vectors, ...), so they are no image's; give the scan "
+            "itself"
         )
     slope, intercept = fields["scl"]
     if not np.isfinite(fields["scl"]).all():

@@ -190,7 +190,7 @@ def _dtype(fields: dict[str, str]) -> np.dtype[np.generic]:
 def _lps_from_index(fields: dict[str, str]) -> FloatArray:
     space = fields.get("space", "none")
     if space.lower() not in _LPS_FROM:
-        raise DamagedError(f"it gives the space '{printable(space, 60)}'; expected left-posterior-superior")
+        raise DamagedError(f"it gives the space '{printable(space, 60)}', expected left-posterior-superior")
     affine = np.eye(4)
     affine[:3, :3] = _vectors(_given(fields, "space directions"), 3, "space directions").T
     affine[:3, 3] = _vectors(_given(fields, "space origin"), 1, "space origin")[0]

@@ -186,7 +186,7 @@ def _filled(
         try:
             read_slice(slices[k], voxels[k], padding_hu, limits)
         except DamagedError as error:
-            raise InputError(f"{slices[k].name} cannot be read: {error}") from error
+            raise InputError(f"{slices[k].name} cannot be read: {error.with_remedy('copy it again')}") from error
 
     with warnings.catch_warnings():  # here, because filters belong to the process, not to a thread
         warnings.simplefilter("ignore")  # what pydicom's decoders find odd in a stream that they can read

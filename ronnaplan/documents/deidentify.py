@@ -104,7 +104,7 @@ def _is_object(blob: Blob) -> bool:
             ) from error
         return False
     except DamagedError as error:
-        raise InputError(f"{blob.name}: {error}; copy it again, or leave it out") from error
+        raise InputError(f"{blob.name}: {error.with_remedy('copy it again, or leave it out')}") from error
     return tags.FILE_SET_ID not in header.elements
 
 

@@ -69,9 +69,7 @@ class Arrival:
 class Store:
     """The instances below ``folder``. One process at a time may take arrivals."""
 
-    def __init__(
-        self, folder: Path, log: Log, audit: Audit, *, keep_days: float, least_free_mib: int = 0
-    ) -> None:
+    def __init__(self, folder: Path, log: Log, audit: Audit, *, keep_days: float, least_free_mib: int = 0) -> None:
         self.folder, self._log, self._audit, self._least_free = folder, log, audit, least_free_mib * MIB
         self._keep_s, self._retention_due = keep_days * DAY_S, 0.0
         for name in (INCOMING, INSTANCES, ASIDE):

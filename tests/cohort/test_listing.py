@@ -143,7 +143,9 @@ def test_a_folder_that_cannot_be_opened_is_kept_in_mind_until_it_can(
         shut(patched, "more")
         for _ in range(2):
             assert bring_up_to_date(index, [str(tmp_path / "in")]).files == 2 * SLICES
-            assert index.rows(kept) == [("a", "more", "the folder cannot be opened (Permission denied)")]
+            assert index.rows(kept) == [
+                ("a", "more", "the folder cannot be opened (Permission denied); see whether you may read it")
+            ]
         beside = index.rows("SELECT DISTINCT series FROM files WHERE folder = 'a' AND series IS NOT NULL")
         assert _troubled(index) == {number for (number,) in beside}
     bring_up_to_date(index, [str(tmp_path / "in")])
@@ -394,7 +396,7 @@ def test_a_url_that_nothing_opens_is_told(index: Index, monkeypatch: pytest.Monk
     with monkeypatch.context() as patched:
         patched.setattr(type(fsspec.filesystem("memory")), "ls", failing)
         listed = bring_up_to_date(index, ["memory://"])
-    assert listed.skipped == ["memory://: the folder cannot be opened (no credentials)"]
+    assert listed.skipped == ["memory://: the folder cannot be opened (no credentials); see to its store"]
     monkeypatch.setattr(type(fsspec.filesystem("memory")), "exists", failing)
     with pytest.raises(InputError, match="cannot be listed"):
         bring_up_to_date(index, ["memory://x"])

@@ -32,6 +32,7 @@ def test_a_damaged_file_beside_a_series_is_named_and_flagged(tmp_path: Path) -> 
     (tmp_path / "003").write_bytes(content[:300])
     found = find_series(tmp_path)
     assert [(one.name.endswith("003"), one.is_trouble) for one in found.skipped] == [(True, True)]
+    assert found.skipped[0].reason.endswith("; copy it again")
     assert read_ct(tmp_path).voxels_hu.shape[0] == 3
     assert "could not be read" in read_ct(tmp_path).flags[-1]
 
@@ -140,7 +141,7 @@ def test_a_slice_cut_off_within_its_pixels_makes_the_series_unusable(tmp_path: P
     content = (tmp_path / "002").read_bytes()
     (tmp_path / "002").write_bytes(content[:-10])
     with pytest.raises(
-        InputError, match=r"1 of 4 files \(\S+002\): it declares 160 bytes of pixels but holds 150"
+        InputError, match=r"1 of 4 files \(\S+002\): it declares 160 bytes of pixels but holds 150; copy it again"
     ):
         read_ct(tmp_path)
     (tmp_path / "003").write_bytes((tmp_path / "003").read_bytes()[:-10])

@@ -171,7 +171,7 @@ def test_a_file_that_cannot_be_opened_is_named_and_flagged(
 
     monkeypatch.setattr(os, "open", refusing)
     found = find_series(tmp_path)
-    assert found.skipped[0].reason == "it cannot be opened (Permission denied)"
+    assert found.skipped[0].reason == "it cannot be opened (Permission denied); see whether you may read it"
     assert read_ct(tmp_path).flags == (VolumeFlag.UNREADABLE_FILES,)
 
 
@@ -188,7 +188,7 @@ def test_folders_nested_beyond_the_limit_are_left_out_and_named(tmp_path: Path) 
     write_series(tmp_path / "a" / "b" / "c")
     found = find_series(tmp_path, Limits(folder_depth=2))
     assert found.series == ()
-    assert found.skipped[0].reason == "the folders nest too deeply"
+    assert found.skipped[0].reason == "the folders nest too deeply; name this one by itself"
 
 
 def test_pipes_and_devices_are_never_opened(tmp_path: Path) -> None:

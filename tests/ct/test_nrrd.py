@@ -82,7 +82,7 @@ def header_and_voxels(path: Path) -> tuple[bytes, bytes]:
 def test_a_header_that_leaves_a_voxel_or_a_value_open_is_refused(
     tmp_path: Path, old: bytes, new: bytes, reason: str
 ) -> None:
-    with pytest.raises(InputError, match=reason):
+    with pytest.raises(InputError, match=f"{reason}.*; (convert|copy|give|state|use) "):
         read_ct(changed(tmp_path / "head.nrrd", old, new))
 
 

@@ -454,7 +454,7 @@ def test_more_parts_than_a_series_can_sensibly_have_are_refused_in_bounded_time(
         ("ImageOrientationPatient", [0, 0, 0, 0, 0, 0], "not two perpendicular unit vectors"),
         ("ImageOrientationPatient", [1, 0, 0], "its orientation has 3 numbers, expected 6"),
         ("ImageOrientationPatient", None, "its image has no orientation"),
-        ("ImagePositionPatient", None, "its image has no position"),
+        ("ImagePositionPatient", None, "its image has no position; export it again"),
         ("ImagePositionPatient", [0, 0, 1e9], "more than 100 m"),
         ("PixelSpacing", [0, 0.5], "is not between 0.01 and 100"),
         ("PixelSpacing", [-0.5, 0.5], "is not between 0.01 and 100"),

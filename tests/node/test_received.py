@@ -36,9 +36,10 @@ def of_two_scans(made: Dataset, k: int) -> None:
     [
         (
             bare,
-            "8 of 8 files: it has no rescale slope and intercept, so its values are not Hounsfield units",
+            "8 of 8 files: it has no rescale slope and intercept, so its values are not Hounsfield units; "
+            "export it again",
         ),
-        (cut, "1 of 8 files (001): it declares 160 bytes of pixels but holds 140"),
+        (cut, "1 of 8 files (001): it declares 160 bytes of pixels but holds 140; copy it again"),
         (of_two_scans, "it holds 2 scans of different acquisitions; send each as a series of its own"),
     ],
 )
