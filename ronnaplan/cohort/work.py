@@ -83,9 +83,11 @@ def _series_of(order: dict[str, Any]) -> list[Series]:
         raise _GoneError(f"{listed.skipped[0].name}: {listed.skipped[0].reason}")
     series = [one for one in listed.series if (one.first.series_uid or "") == order["series_uid"]]
     if not series:
-        raise RefusedError("nothing of it is left (its files are of another series now)")
+        raise RefusedError("nothing of it is left (its files are of another series now); list its root again")
     if len(blobs) < len(order["files"]) or len(series) < len(listed.series):
-        raise _GoneError("some have been removed, or are of another series, since they were listed")
+        raise _GoneError(
+            "some were removed, or are of another series, since they were listed; list its root again"
+        )
     return series
 
 

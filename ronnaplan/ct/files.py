@@ -123,7 +123,7 @@ def _open_descriptor(path: str | os.PathLike[str], shown: str) -> int:
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise DamagedError(
-            f"{shown} cannot be opened ({printable(reason)}); see whether you may read it"
+            f"{shown} cannot be opened ({printable(reason)}); see whether it is there and may be read"
         ) from error
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)

@@ -124,5 +124,8 @@ def _entries(folder: str, skipped: list[Skipped]) -> Iterator[_Entry]:
 
 def _unopened(what: str, path: str, error: OSError) -> Skipped:
     return Skipped(
-        printable(path), f"{what} cannot be opened ({error.strerror}); see whether you may read it", True, path
+        printable(path),
+        f"{what} cannot be opened ({error.strerror}); see whether it is there and may be read",
+        True,
+        path,
     )

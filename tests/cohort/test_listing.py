@@ -144,7 +144,11 @@ def test_a_folder_that_cannot_be_opened_is_kept_in_mind_until_it_can(
         for _ in range(2):
             assert bring_up_to_date(index, [str(tmp_path / "in")]).files == 2 * SLICES
             assert index.rows(kept) == [
-                ("a", "more", "the folder cannot be opened (Permission denied); see whether you may read it")
+                (
+                    "a",
+                    "more",
+                    "the folder cannot be opened (Permission denied); see whether it is there and may be read",
+                )
             ]
         beside = index.rows("SELECT DISTINCT series FROM files WHERE folder = 'a' AND series IS NOT NULL")
         assert _troubled(index) == {number for (number,) in beside}

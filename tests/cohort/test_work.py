@@ -166,6 +166,16 @@ def test_a_series_of_which_a_part_was_changed_since_the_listing_is_no_shorter_sc
     work(json.loads(json.dumps(order)), lambda event, **facts: said.append({"event": event, **facts}))
     assert [(one["event"], one.get("state")) for one in said] == [("ended", "gone")]
     assert said[-1]["reason"].startswith("its files cannot be read now; ")
+    if change in ("archived", "of another"):
+        assert said[-1]["reason"].endswith("since they were listed; list its root again")
+
+
+def test_a_copy_cut_short_beside_a_series_is_no_reason_to_read_it_later(scan: Path, tmp_path: Path) -> None:
+    files = sorted(shutil.copytree(scan, tmp_path / "in").rglob("*.dcm"))
+    (tmp_path / "in" / "copy.dcm").write_bytes(files[2].read_bytes()[:-500])
+    (part,) = told(tmp_path / "in", tmp_path, CohortRule(name="x", diameters=(11.5,), sheet=False))
+    assert part["state"] == "done"
+    assert part["scan"]["scan_flags"] == ["unreadable_files"]
 
 
 def test_a_series_that_takes_too_much_memory_is_a_fault_and_not_unusable(

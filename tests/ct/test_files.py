@@ -171,7 +171,10 @@ def test_a_file_that_cannot_be_opened_is_named_and_flagged(
 
     monkeypatch.setattr(os, "open", refusing)
     found = find_series(tmp_path)
-    assert found.skipped[0].reason == "it cannot be opened (Permission denied); see whether you may read it"
+    assert (
+        found.skipped[0].reason
+        == "it cannot be opened (Permission denied); see whether it is there and may be read"
+    )
     assert read_ct(tmp_path).flags == (VolumeFlag.UNREADABLE_FILES,)
 
 
