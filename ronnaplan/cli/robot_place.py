@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ronnaplan.documents.fiducials import Source
     from ronnaplan.geometry import Points
     from ronnaplan.robot.arm.arm import SerialArm
+    from ronnaplan.robot.arm.urdf import UrdfArm
     from ronnaplan.robot.placement.job import Job
     from ronnaplan.robot.placement.placement import Placement
     from ronnaplan.robot.placement.room import Room
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
 HELP = (
     "Find where the robot serves every trajectory and marker; exit 3, with reasons, where there is no such place."
 )
+
+ALONG = 0.7
+"""A tool whose direction has a larger cosine with the last joint's axis points out of the flange."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -88,11 +92,13 @@ def run(arguments: argparse.Namespace) -> int:
 
     room = read_room(arguments.scene)
     arm, of_arm = _arm(arguments, room)
+    warn(*of_arm)  # first, as they may tell why the arm is refused
     job, case, of_case = _job(arguments, arm, room)
     chain = _chain(arguments, case)
     of_chain = (*chain.notes, *job.doubts_of(chain.pose)) if chain is not None else ()
-    notes = tuple(dict.fromkeys((*of_arm, *of_case, *of_chain)))  # both tell of the registration's
-    warn(*notes)
+    of_job = tuple(dict.fromkeys((*of_case, *of_chain)))  # both tell of the registration's
+    warn(*of_job)
+    notes = (*of_arm, *of_job)
     found = _found(arguments, job, chain)
     parked = arguments.parked is not None or chain is not None
     document = placement_document(
@@ -179,13 +185,40 @@ def _described(arguments: argparse.Namespace, room: Room) -> tuple[SerialArm, li
             raise UsageError("--tip is a link of a URDF file, and kr6r900 is none; give the file with --arm")
         return kr6_r900(), []
     read = read_urdf(arguments.arm, tip=arguments.tip)
-    if not read.shapeless or room.arm_bodies:
-        return read.arm, []
-    note = (
-        f"collisions of {', '.join(read.shapeless)} are not or not wholly looked at, as their shapes are meshes, "
-        "are not told for collisions, or are moved by joints apart; state [[arm_body]] in the scene"
-    )
-    return read.arm, [note]
+    notes = _flange_notes(read, room, arguments.tip is not None)
+    if read.shapeless and not room.arm_bodies:
+        notes.append(
+            f"collisions of {', '.join(read.shapeless)} are not or not wholly looked at, as their shapes are meshes, "
+            "are not told for collisions, or are moved by joints apart; state [[arm_body]] in the scene"
+        )
+    return read.arm, notes
+
+
+def _flange_notes(read: UrdfArm, room: Room, is_named: bool) -> list[str]:
+    """Say which link counts as the flange where nobody named it, and that its z may not be what the room takes it for.
+
+    The room states the tool in the flange's axes, mostly along its z; many descriptions turn the last joint about x.
+    """
+    import numpy as np
+
+    from ronnaplan.geometry import unit
+    from ronnaplan.robot.arm.urdf import FLANGE
+
+    notes = []
+    if not is_named and read.flange != FLANGE:
+        notes.append(
+            f"no link is called {FLANGE}, so that the flange is taken to be {read.flange}, the last that turns; name "
+            "it, or another, with --tip"
+        )
+    axis = read.arm.flange[:3, :3].T @ read.arm.axes[-1]
+    aside = max(abs(axis[2]), abs(axis @ unit(room.tool.direction))) < ALONG
+    if aside:
+        notes.append(
+            f"{read.arm.joints[-1]} does not turn about z of the flange {read.flange} but about its "
+            f"{'xyz'[np.argmax(np.abs(axis))]}, and the tool of the scene points across that; [tool] and [camera] are "
+            "in the axes of that link: turn what they state, or name another link with --tip"
+        )
+    return notes
 
 
 def _job(arguments: argparse.Namespace, arm: SerialArm, room: Room) -> tuple[Job, Case, tuple[str, ...]]:

@@ -325,6 +325,41 @@ def test_what_is_missing_is_named(case: list[str], capsys: pytest.CaptureFixture
     assert "--tip is a link of a URDF file" in capsys.readouterr().err
 
 
+def test_a_flange_that_nobody_named_is_told_and_one_whose_z_points_elsewhere(
+    case: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As of a Meca500, whose last link has x out of the flange, and of grippers whose jaw is the last that turns."""
+    arm, room, output = tmp_path / "arm.urdf", tmp_path / "room.toml", str(tmp_path / "placement.json")
+    end = KR6.index('<joint name="flange"')
+    bare = KR6[:end].replace('<link name="tool0"/><link name="camera"/>', "") + "</robot>"
+    arm.write_text(bare)
+    far = ["--arm", str(arm), "--parked", "3000", "0", "900", "0", "-o", output]
+    assert main([*case, *far]) == 3
+    taken, aside = (
+        next(note for note in read_placement(output).notes if told in note) for told in ("taken", "about")
+    )
+    assert taken.startswith(
+        "no link is called tool0, so that the flange is taken to be l6, the last that turns; name"
+    )
+    assert aside.startswith(
+        "A6 does not turn about z of the flange l6 but about its x, and the tool of the scene poi"
+    )
+    assert main([*case, *far, "--tip", "l6"]) == 3
+    assert [note for note in read_placement(output).notes if "flange" in note] == [aside]
+    text = Path(case[-1]).read_text()
+    assert "direction = [0, 0, 1]\nstandoff_mm" in text
+    room.write_text(text.replace("direction = [0, 0, 1]\nstandoff_mm", "direction = [1, 0, 0.5]\nstandoff_mm"))
+    assert main([*case[:-1], str(room), *far, "--tip", "l6"]) == 3
+    assert not [note for note in read_placement(output).notes if "flange" in note]
+    grip = '<joint name="grip" type="continuous"><parent link="l6"/><child link="jaw"/></joint>'
+    arm.write_text(bare.replace("</robot>", f'<link name="jaw"/>{grip}</robot>'))
+    capsys.readouterr()
+    assert main([*case, *far]) == 1
+    told = capsys.readouterr().err
+    assert "taken to be jaw" in told
+    assert "has 7 joints" in told
+
+
 def test_links_of_meshes_are_named_unless_the_room_states_bodies(
     case: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

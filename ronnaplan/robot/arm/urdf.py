@@ -41,10 +41,14 @@ MOST_NAMED = 8
 
 @dataclass(frozen=True, eq=False)
 class UrdfArm:
-    """An arm, and the links of which it has no body, or not all: of meshes, or moved by joints outside the chain."""
+    """An arm, and the links of which it has no body, or not all: of meshes, or moved by joints outside the chain.
+
+    ``flange`` is the link that is the arm's flange.
+    """
 
     arm: SerialArm
     shapeless: tuple[str, ...]
+    flange: str
 
 
 def read_urdf(path: str | os.PathLike[str], *, tip: str | None = None) -> UrdfArm:
@@ -95,7 +99,7 @@ def _arm(root: ElementTree.Element, tip: str | None) -> UrdfArm:
         bodies,
         {name: np.linalg.inv(before) @ frame for name, (moved, frame) in place.items() if moved == len(names)},
     )
-    return UrdfArm(arm, shapeless)
+    return UrdfArm(arm, shapeless, chain[-1].child)
 
 
 def _chain(joints: dict[str, Joint], tip: str, links: dict[str, ElementTree.Element]) -> list[Joint]:
@@ -143,10 +147,25 @@ def _farthest(joints: dict[str, Joint], links: dict[str, ElementTree.Element]) -
     farthest = [link for link in links if link in turned and turned[link][0] == most]
     lasts = {turned[link][1] for link in farthest}
     if len(lasts) > 1:
-        raise InputError(f"the chains to {', '.join(farthest)} are equally long; name the link at the end")
+        raise InputError(
+            f"the chains to {listed(farthest, MOST_NAMED)} are equally long and {_parting(joints, lasts)}; name the "
+            "link that is the flange (`--tip LINK`)"
+        )
     last = lasts.pop()
     _require_last(joints, last)
     return last
+
+
+def _parting(joints: dict[str, Joint], links: set[str]) -> str:
+    """Say which is the last link that the chains to ``links`` share: it holds a gripper's fingers, or two arms."""
+    ways = []
+    for link in links:
+        ways.append([link])
+        while link in joints:
+            link = joints[link].parent
+            ways[-1].append(link)
+    shared = next((link for link in ways[0] if all(link in way for way in ways)), None)
+    return f"part at {shared}" if shared is not None else "hang on no link in common"
 
 
 def _require_last(joints: dict[str, Joint], last: str) -> None:

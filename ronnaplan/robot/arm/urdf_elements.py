@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from xml.etree import ElementTree
+from xml.parsers import expat
 
 import numpy as np
 
@@ -61,14 +62,35 @@ def parsed(content: bytes, name: str) -> ElementTree.Element:
     if "<!" in text.replace("<!--", "").replace("<![CDATA[", ""):
         raise InputError(f"{name} declares a document type or entities; expected {EXPECTED} without them")
     try:
-        root = ElementTree.fromstring(text)
-    except (ElementTree.ParseError, ValueError) as error:
+        root = _tree(text)
+    except (expat.ExpatError, ValueError) as error:
         raise InputError(f"{name} is no XML ({error}); expected {EXPECTED}") from error
     if root.tag != "robot":
         raise InputError(f"{name} holds <{root.tag}>; expected <robot>, {EXPECTED} (run xacro first)")
-    if any("xacro" in element.tag or _is_left_to_work_out(element) for element in root.iter()):
+    xacro = {
+        key.partition(":")[2] for key, told in root.attrib.items() if "xacro" in told and key.startswith("xmlns:")
+    }
+    if any(
+        element.tag.partition(":")[0] in {"xacro", *xacro} or _is_left_to_work_out(element)
+        for element in root.iter()
+    ):
         raise InputError(f"{name} holds what xacro has to work out; run xacro first, and give what it writes")
     return root
+
+
+def _tree(text: str) -> ElementTree.Element:
+    """Return the root of an XML text, its names as they are written.
+
+    Namespaces are not looked up, as ROS does not: many descriptions use some that they never declare (``drake:``,
+    ``gz:``), or declare one for all (``xmlns="http://www.ros.org"``).
+    """
+    builder = ElementTree.TreeBuilder()
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = builder.start
+    parser.EndElementHandler = builder.end
+    parser.CharacterDataHandler = builder.data
+    parser.Parse(text, True)
+    return builder.close()
 
 
 def _is_left_to_work_out(element: ElementTree.Element) -> bool:

@@ -19,7 +19,7 @@ from tests.robot.arm.arms import IIWA_M, KR6, SEVEN, iiwa
 def test_simple_shapes_become_capsules_and_meshes_are_named(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(KR6)
     read = read_urdf(tmp_path / "arm.urdf")
-    assert read.shapeless == ("base",)
+    assert (read.shapeless, read.flange) == (("base",), "tool0")
     cylinder, box, ball = read.arm.bodies
     assert (cylinder.link, box.link, ball.link) == (2, 3, 5)
     np.testing.assert_allclose([cylinder.start_mm, cylinder.end_mm], [[0, 0, 0], [400, 0, 0]], atol=1e-9)
@@ -89,6 +89,43 @@ def test_a_flange_is_not_guessed_where_something_is_fixed_to_the_last_link(tmp_p
         read_urdf(tmp_path / "arm.urdf")
 
 
+def test_of_two_fingers_it_is_told_what_holds_them(tmp_path: Path) -> None:
+    """As of an xArm6 with its gripper: the link where the chains part is the flange, or near it; of two arms, both."""
+    fingers = "".join(
+        f'<link name="{side}"/><joint name="{side}_grip" type="revolute"><parent link="palm"/><child link="{side}"/>'
+        '<limit lower="0" upper="1"/></joint>'
+        for side in ("left", "right")
+    )
+    text = KR6.replace("tool0", "palm").replace("</robot>", f"{fingers}</robot>")
+    (tmp_path / "arm.urdf").write_text(text)
+    with pytest.raises(
+        InputError, match=r"to left, right are equally long and part at palm; name .* \(`--tip LINK`\)"
+    ):
+        read_urdf(tmp_path / "arm.urdf")
+    (tmp_path / "arm.urdf").write_text(text.replace("</robot>", _many_fingers(20)))
+    with pytest.raises(InputError, match=r"to left, right, f0, f1, f2, f3, f4, f5 and 14 more are equally long"):
+        read_urdf(tmp_path / "arm.urdf")
+    unjoined = '<robot name="two"><link name="a"/><link name="b"/><link name="c"/><link name="d"/>' + "".join(
+        f'<joint name="{parent}" type="continuous"><parent link="{parent}"/><child link="{child}"/></joint>'
+        for parent, child in ("ab", "cd")
+    )
+    (tmp_path / "arm.urdf").write_text(f"{unjoined}</robot>")
+    with pytest.raises(
+        InputError, match=r"the chains to b, d are equally long and hang on no link in common; name"
+    ):
+        read_urdf(tmp_path / "arm.urdf")
+
+
+def _many_fingers(count: int) -> str:
+    return (
+        "".join(
+            f'<link name="f{n}"/><joint name="g{n}" type="continuous"><parent link="palm"/><child link="f{n}"/></joint>'
+            for n in range(count)
+        )
+        + "</robot>"
+    )
+
+
 def test_where_nothing_is_fixed_to_the_last_link_it_is_the_flange(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(SEVEN)
     arm = read_urdf(tmp_path / "arm.urdf").arm
@@ -146,6 +183,7 @@ def test_the_limits_that_the_controller_keeps_count(
     ("old", "new", "sentence"),
     [
         ('xyz="0 0 0.4"', 'xyz="0 0 ${height}"', "run xacro first"),
+        ('name="kr6">', 'name="kr6" xmlns:x="http://ros.org/wiki/xacro"><x:kr6/>', "run xacro first"),
         ("</robot>", '<xacro:kr6 xmlns:xacro="http://www.ros.org/wiki/xacro"/></robot>', "run xacro first"),
         (
             '<limit lower="-2.9670597283903604" upper="2.9670597283903604"/>',
@@ -256,6 +294,23 @@ def test_a_joint_to_a_link_that_is_not_there_is_named_where_the_chain_goes_by_it
 def test_text_of_a_simulators_plugin_may_be_marked_as_text(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(KR6.replace("</robot>", "<gazebo><![CDATA[a < b]]></gazebo></robot>"))
     assert len(read_urdf(tmp_path / "arm.urdf").arm) == 6
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('<limit lower="-2.96', '<limit drake:acceleration="2.5" lower="-2.96'),
+        ("</robot>", '<drake:group name="g"><drake:member link="l1"/></drake:group></robot>'),
+        ("<robot", '<robot xmlns="http://www.ros.org"'),
+        ("<robot", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"'),
+    ],
+)
+def test_names_of_other_programs_need_not_be_declared(old: str, new: str, tmp_path: Path) -> None:
+    """ROS looks up no namespaces, and published descriptions of UR3e and UR5e use ``drake:`` without a word."""
+    assert old in KR6
+    (tmp_path / "arm.urdf").write_text(KR6.replace(old, new))
+    read = read_urdf(tmp_path / "arm.urdf")
+    assert (read.arm.joints, len(read.arm.bodies)) == (("A1", "A2", "A3", "A4", "A5", "A6"), 3)
 
 
 def test_a_comment_may_hold_what_xacro_would_have_replaced(tmp_path: Path) -> None:
