@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ronnaplan.cli.output import tell, warn
+from ronnaplan.cli.robot_arm import BUILT_IN, example, named_arm
 from ronnaplan.cli.values import held, number
 
 if TYPE_CHECKING:
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from ronnaplan.documents.fiducials import Source
     from ronnaplan.geometry import Points
     from ronnaplan.robot.arm.arm import SerialArm
-    from ronnaplan.robot.arm.urdf import UrdfArm
     from ronnaplan.robot.placement.job import Job
     from ronnaplan.robot.placement.placement import Placement
     from ronnaplan.robot.placement.room import Room
@@ -25,13 +25,12 @@ HELP = (
     "Find where the robot serves every trajectory and marker; exit 3, with reasons, where there is no such place."
 )
 
-ALONG = 0.7
-"""A tool whose direction has a larger cosine with the last joint's axis points out of the flange."""
-
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of ``robot place``."""
-    parser.add_argument("--example", action="store_true", help="print an annotated room.toml and end")
+    parser.add_argument(
+        "--example", action="store_true", help="print an annotated room.toml, for --arm if that is a file, and end"
+    )
     parser.add_argument("--plan", metavar="FILE", help="plan.json: the trajectories")
     parser.add_argument("--ct", metavar="PATH", help="the scan that the plan is tied to")
     parser.add_argument("--series", metavar="UID", help="the series to use, where PATH holds several")
@@ -42,7 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--registration", metavar="FILE", help="registration.json: the tracker stands where it was then"
     )
     parser.add_argument(
-        "--arm", default="kr6r900", metavar="ARM", help="kr6r900 or a URDF file (default %(default)s)"
+        "--arm", default=BUILT_IN, metavar="ARM", help="kr6r900 or a URDF file (default %(default)s)"
     )
     parser.add_argument(
         "--tip", metavar="LINK", help="the link of the URDF that is the flange, z pointing out of it"
@@ -76,11 +75,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Search, or check; a placement that is blocked, or from where no way is free, is written and refused."""
     from ronnaplan.documents.room import read_room
-    from ronnaplan.documents.room_example import EXAMPLE
     from ronnaplan.errors import RefusedError, UsageError
 
     if arguments.example:
-        sys.stdout.write(EXAMPLE)
+        sys.stdout.write(example(arguments))
         return 0
     missing = [name for name in ("plan", "ct", "scene") if getattr(arguments, name) is None]
     if missing:
@@ -91,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.revision import write_document
 
     room = read_room(arguments.scene)
-    arm, of_arm = _arm(arguments, room)
+    arm, of_arm = named_arm(arguments, room)
     warn(*of_arm)  # first, as they may tell why the arm is refused
     job, case, of_case = _job(arguments, arm, room)
     chain = _chain(arguments, case)
@@ -156,69 +154,6 @@ def _found(arguments: argparse.Namespace, job: Job, chain: ChainDocument | None)
     if arguments.parked is None:
         return find_places(job)
     return check_parked(job, base_pose(np.array(arguments.parked)))
-
-
-def _arm(arguments: argparse.Namespace, room: Room) -> tuple[SerialArm, list[str]]:
-    """Return the built-in arm, or that of a file, with the joints held that are to be, and what of it is not known."""
-    import numpy as np
-
-    arm, notes = _described(arguments, room)
-    bare = set(range(len(arm.joints))) - {link for link, _ in room.arm_bodies}  # the last link is a mere flange
-    if room.arm_bodies and bare:
-        notes.append(
-            "[[arm_body]] in the scene take the place of all shapes of the arm, and there are none of link "
-            f"{', '.join(map(str, sorted(bare)))}: collisions of these are not looked at"
-        )
-    for joint, angle_deg in arguments.hold:
-        arm = arm.holding(joint, float(np.radians(angle_deg)))
-    return arm, notes
-
-
-def _described(arguments: argparse.Namespace, room: Room) -> tuple[SerialArm, list[str]]:
-    """Return the built-in arm, or that of a file, and what of its shapes is not known."""
-    from ronnaplan.errors import UsageError
-    from ronnaplan.robot.arm.kuka import kr6_r900
-    from ronnaplan.robot.arm.urdf import read_urdf
-
-    if arguments.arm == "kr6r900":
-        if arguments.tip is not None:
-            raise UsageError("--tip is a link of a URDF file, and kr6r900 is none; give the file with --arm")
-        return kr6_r900(), []
-    read = read_urdf(arguments.arm, tip=arguments.tip)
-    notes = _flange_notes(read, room, arguments.tip is not None)
-    if read.shapeless and not room.arm_bodies:
-        notes.append(
-            f"collisions of {', '.join(read.shapeless)} are not or not wholly looked at, as their shapes are meshes, "
-            "are not told for collisions, or are moved by joints apart; state [[arm_body]] in the scene"
-        )
-    return read.arm, notes
-
-
-def _flange_notes(read: UrdfArm, room: Room, is_named: bool) -> list[str]:
-    """Say which link counts as the flange where nobody named it, and that its z may not be what the room takes it for.
-
-    The room states the tool in the flange's axes, mostly along its z; many descriptions turn the last joint about x.
-    """
-    import numpy as np
-
-    from ronnaplan.geometry import unit
-    from ronnaplan.robot.arm.urdf import FLANGE
-
-    notes = []
-    if not is_named and read.flange != FLANGE:
-        notes.append(
-            f"no link is called {FLANGE}, so that the flange is taken to be {read.flange}, the last that turns; name "
-            "it, or another, with --tip"
-        )
-    axis = read.arm.flange[:3, :3].T @ read.arm.axes[-1]
-    aside = max(abs(axis[2]), abs(axis @ unit(room.tool.direction))) < ALONG
-    if aside:
-        notes.append(
-            f"{read.arm.joints[-1]} does not turn about z of the flange {read.flange} but about its "
-            f"{'xyz'[np.argmax(np.abs(axis))]}, and the tool of the scene points across that; [tool] and [camera] are "
-            "in the axes of that link: turn what they state, or name another link with --tip"
-        )
-    return notes
 
 
 def _job(arguments: argparse.Namespace, arm: SerialArm, room: Room) -> tuple[Job, Case, tuple[str, ...]]:

@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ronnaplan.documents.room import RoomDocument
 from ronnaplan.robot.placement.room import Room
 from ronnaplan.untrusted import checked
+
+if TYPE_CHECKING:
+    from ronnaplan.robot.arm.arm import SerialArm
+
+SHORT_MM = 1.0
+"""A last link that ends nearer to its joint is a mere flange, of which no shape is asked."""
 
 EXAMPLE = """\
 # What stands about the patient, for `ronnaplan robot place --scene room.toml`.
@@ -99,6 +110,39 @@ sigma_mm = 20
 sigma_deg = 3
 """
 """What ``robot place --example`` writes."""
+REFERENCE = EXAMPLE[EXAMPLE.index("reference_deg") : EXAMPLE.index("\n\n[head]")]
+ARM_BODY = EXAMPLE[EXAMPLE.index("# Of a --arm") : EXAMPLE.index("[camera]")]
+
+
+def example_of(arm: SerialArm, turning: SerialArm, *, are_meshes: bool) -> str:
+    """Return `EXAMPLE` for another arm, as described and as it is ``turning``, with some joints held.
+
+    The posture is in the middle of the limits. Of links that ``are_meshes`` there is a capsule each, from joint to
+    joint, whose radius is left to be measured: a room is no room with it.
+    """
+    middles = np.degrees(turning.limits_rad.mean(axis=1)).round(1) + 0.0  # no minus before zero
+    posture = (
+        "# The posture between tasks; joint 1 counts from where the tasks lie. These are the middles of the limits:\n"
+        f"# state a posture that is free, of {', '.join(turning.joints)}.\nreference_deg = {middles.tolist()}"
+    )
+    bodies = _bodies_from_joint_to_joint(arm) if are_meshes else ""
+    return EXAMPLE.replace(REFERENCE, posture).replace(ARM_BODY, bodies)
+
+
+def _bodies_from_joint_to_joint(arm: SerialArm) -> str:
+    ends = [*arm.origins, arm.flange]
+    names = ["foot", *arm.joints, "flange"]
+    parts = [json.dumps(f"{one} to {other}", ensure_ascii=False) for one, other in pairwise(names)]
+    entries = [
+        f"[[arm_body]]\nlink = {n}\nname = {parts[n]}\nstart = [0, 0, 0]\n"
+        f"end = {(end[:3, 3].round(1) + 0.0).tolist()}\nradius = 0                      # measure it\n"
+        for n, end in enumerate(ends)
+        if n < len(arm) or np.linalg.norm(end[:3, 3]) > SHORT_MM
+    ]
+    return (
+        "# The arm's links, whose shapes are meshes, in their frames: from joint to joint. Move both ends to where\n"
+        f"# each link is, and measure its radius; more capsules draw it more closely.\n{''.join(entries)}\n"
+    )
 
 
 def example_room() -> Room:

@@ -15,7 +15,9 @@ from phantoms.stack import axial_stack
 from ronnaplan.cli import main
 from ronnaplan.ct import read_ct
 from ronnaplan.documents.placement import read_placement
+from ronnaplan.documents.room import read_room
 from ronnaplan.documents.room_example import EXAMPLE
+from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import cross_matrix
 from ronnaplan.robot.arm.inverse import inverse
@@ -323,6 +325,35 @@ def test_what_is_missing_is_named(case: list[str], capsys: pytest.CaptureFixture
     assert "nowhere.urdf cannot be read" in capsys.readouterr().err
     assert main([*case, "--tip", "tool0"]) == 2
     assert "--tip is a link of a URDF file" in capsys.readouterr().err
+
+
+def test_the_example_for_an_arm_of_meshes_asks_for_the_radius_of_each_link(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All but a few published descriptions have meshes only, and were refused until somebody had drawn every link."""
+    arm, room = tmp_path / "arm.urdf", tmp_path / "room.toml"
+    ask = ["robot", "place", "--example", "--arm", str(arm)]
+    arm.write_text(iiwa().replace('<cylinder length="0.12" radius="0.08"/>', '<mesh filename="x.stl"/>'))
+    assert main(ask) == 1
+    assert "has 7 joints, a closed form needs six; hold one where it shall stay" in capsys.readouterr().err
+    assert main([*ask, "--hold", "joint_a3=0"]) == 0
+    text = capsys.readouterr().out
+    room.write_text(text)
+    with pytest.raises(InputError, match=r"arm_body.0.radius: Input should be greater than 0"):
+        read_room(room)
+    room.write_text(text.replace("radius = 0 ", "radius = 75 "))
+    read = read_room(room)
+    bodies = [(link, one.name, one.end_mm) for link, one in read.arm_bodies]
+    assert bodies[0] == (0, "foot to joint_a1", (0, 0, 180))
+    assert bodies[7] == (7, "joint_a7 to flange", (0, 0, 126))
+    assert [link for link, _, _ in bodies] == list(range(8))
+    assert read.reference_deg == (0, 0, 0, 0, 0, 0)
+    assert "of joint_a1, joint_a2, joint_a4, joint_a5, joint_a6, joint_a7." in text
+    arm.write_text(KR6.replace('<mesh filename="base.stl"/>', '<sphere radius="0.1"/>'))
+    assert main(ask) == 0
+    room.write_text(capsys.readouterr().out)
+    assert not read_room(room).arm_bodies
+    assert read_room(room).reference_deg == (0, -72.5, 18, 0, 0, 0)
 
 
 def test_a_flange_that_nobody_named_is_told_and_one_whose_z_points_elsewhere(

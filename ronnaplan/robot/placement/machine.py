@@ -100,7 +100,8 @@ def bodies_of(arm: SerialArm, room: Room) -> tuple[NDArray[np.int64], FloatArray
     ]
     if not of_links:
         raise InputError(
-            f"the links of {arm.name} have no simple shapes; state capsules as [[arm_body]] in the room"
+            f"the links of {arm.name} have no simple shapes; state capsules as [[arm_body]] in the room (`robot place "
+            "--example --arm FILE` draws them from joint to joint, to be measured)"
         )
     carried = [(len(arm), _moved(arm.flange, capsule_row(one))) for one in room.tool.bodies]
     links, rows = zip(*of_links, *carried, strict=True)
