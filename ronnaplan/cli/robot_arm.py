@@ -1,4 +1,4 @@
-"""The arm that ``robot place`` is told of: ``--arm``, ``--tip`` and ``--hold``, and what of it is not known."""
+"""The arm that ``robot place`` is told of: ``--arm``, ``--base``, ``--tip``, ``--hold``; what of it is not known."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def example(arguments: argparse.Namespace) -> str:
 
     if arguments.arm == BUILT_IN:
         return EXAMPLE
-    read = read_urdf(arguments.arm, tip=arguments.tip)
+    read = read_urdf(arguments.arm, tip=arguments.tip, base=arguments.base)
     turning = _held(read.arm, arguments.hold)
     wrist_of(turning)  # nobody shall measure a room for an arm that is refused
     return example_of(read.arm, turning, are_meshes=bool(read.shapeless))
@@ -54,14 +54,22 @@ def _described(arguments: argparse.Namespace, room: Room) -> tuple[SerialArm, li
     """Return the built-in arm, or that of a file, and what of its shapes is not known."""
     from ronnaplan.errors import UsageError
     from ronnaplan.robot.arm.kuka import kr6_r900
-    from ronnaplan.robot.arm.urdf import read_urdf
+    from ronnaplan.robot.arm.urdf import BASE, read_urdf
 
     if arguments.arm == BUILT_IN:
-        if arguments.tip is not None:
-            raise UsageError("--tip is a link of a URDF file, and kr6r900 is none; give the file with --arm")
+        if arguments.tip is not None or arguments.base is not None:
+            option = "--tip" if arguments.tip is not None else "--base"
+            raise UsageError(
+                f"{option} is a link of a URDF file, and {BUILT_IN} is none; give the file with --arm"
+            )
         return kr6_r900(), []
-    read = read_urdf(arguments.arm, tip=arguments.tip)
+    read = read_urdf(arguments.arm, tip=arguments.tip, base=arguments.base)
     notes = _flange_notes(read, room, arguments.tip is not None)
+    if arguments.base is None and read.base_apart:
+        notes.append(
+            f"R is the root link of the arm's description, and its link {BASE} stands elsewhere; where the robot's "
+            "controller reports poses in that, as UR's do, name it with --base"
+        )
     if read.shapeless and not room.arm_bodies:
         notes.append(
             f"collisions of {', '.join(read.shapeless)} are not or not wholly looked at, as their shapes are meshes, "

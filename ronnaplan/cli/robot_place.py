@@ -47,6 +47,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--tip", metavar="LINK", help="the link of the URDF that is the flange, z pointing out of it"
     )
     parser.add_argument(
+        "--base",
+        metavar="LINK",
+        help="the link of the URDF in which the robot's controller reports poses (default: the file's root link)",
+    )
+    parser.add_argument(
         "--hold",
         action="append",
         default=[],

@@ -327,6 +327,25 @@ def test_what_is_missing_is_named(case: list[str], capsys: pytest.CaptureFixture
     assert "--tip is a link of a URDF file" in capsys.readouterr().err
 
 
+def test_a_base_that_stands_apart_from_the_root_is_told_until_one_of_both_is_named(
+    case: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As of UR's robots, whose controllers report poses half a turn from the root of their description."""
+    arm, output = tmp_path / "arm.urdf", str(tmp_path / "placement.json")
+    link = '<link name="base"/><joint name="r" type="fixed"><origin rpy="0 0 3.1415926"/>'
+    link += '<parent link="foot"/><child link="base"/></joint></robot>'
+    arm.write_text(KR6.replace('"base"', '"foot"').replace("</robot>", link))
+    far = ["--arm", str(arm), "--parked", "3000", "0", "900", "0", "-o", output]
+    told = []
+    for base in ([], ["--base", "base"], ["--base", "foot"]):
+        assert main([*case, *far, *base]) == 3
+        told.append(any("its link base stands elsewhere" in note for note in read_placement(output).notes))
+    assert told == [True, False, False]
+    capsys.readouterr()
+    assert main([*case, "--base", "base"]) == 2
+    assert "--base is a link of a URDF file" in capsys.readouterr().err
+
+
 def test_the_example_for_an_arm_of_meshes_asks_for_the_radius_of_each_link(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

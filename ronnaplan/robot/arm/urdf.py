@@ -14,6 +14,7 @@ import numpy as np
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
+from ronnaplan.pose import invert
 from ronnaplan.robot.arm.arm import Body, SerialArm
 from ronnaplan.robot.arm.urdf_elements import (
     EXPECTED,
@@ -35,6 +36,8 @@ from ronnaplan.untrusted import read_whole
 MOST_BYTES = 4 << 20
 FLANGE = "tool0"
 """What makers' descriptions call the flange, with z pointing out of it."""
+BASE = "base"
+"""What makers' descriptions call the frame in which their controllers report poses."""
 MOST_NAMED = 8
 """So many links are named where any may be the flange."""
 
@@ -43,16 +46,18 @@ MOST_NAMED = 8
 class UrdfArm:
     """An arm, and the links of which it has no body, or not all: of meshes, or moved by joints outside the chain.
 
-    ``flange`` is the link that is the arm's flange.
+    ``flange`` is the link that is the arm's flange. ``base_apart`` tells that a link `BASE` stands still elsewhere than
+    what the chain was read from.
     """
 
     arm: SerialArm
     shapeless: tuple[str, ...]
     flange: str
+    base_apart: bool
 
 
-def read_urdf(path: str | os.PathLike[str], *, tip: str | None = None) -> UrdfArm:
-    """Read the chain from the file's base link to the flange: ``tip``, else `FLANGE`, else what most joints move.
+def read_urdf(path: str | os.PathLike[str], *, tip: str | None = None, base: str | None = None) -> UrdfArm:
+    """Read the chain from ``base`` to ``tip``: else the root, and the flange: `FLANGE`, else what most joints move.
 
     What is fixed to the last link becomes a tool of the arm, by its name. Raises `InputError` for what is no URDF, for
     chains with joints that slide or mimic others, and where no ``tip`` is named and several links may be the flange:
@@ -61,20 +66,19 @@ def read_urdf(path: str | os.PathLike[str], *, tip: str | None = None) -> UrdfAr
     name = os.fspath(path)
     root = parsed(read_whole(path, MOST_BYTES, expected=EXPECTED), name)
     try:
-        return _arm(root, tip)
+        return _arm(root, tip, base)
     except InputError as error:
         raise InputError(f"{name}: {error}") from error
     except ValueError as error:
         raise InputError(f"{name} is damaged ({error}); expected {EXPECTED}") from error
 
 
-def _arm(root: ElementTree.Element, tip: str | None) -> UrdfArm:
+def _arm(root: ElementTree.Element, tip: str | None, base: str | None) -> UrdfArm:
     links = links_of(root)
     joints = joints_of(root, links)
-    chain = _chain(joints, tip or _farthest(joints, links), links)
+    chain, before = _from_base(joints, _chain(joints, tip or _farthest(joints, links), links), base)
     _require_turning(chain)
     origins, axes, limits, names = [], [], [], []
-    before = np.eye(4)
     place: dict[str, tuple[int, FloatArray]] = {chain[0].parent: (0, before)}
     for joint in chain:
         before = before @ place_of(joint)
@@ -99,7 +103,8 @@ def _arm(root: ElementTree.Element, tip: str | None) -> UrdfArm:
         bodies,
         {name: np.linalg.inv(before) @ frame for name, (moved, frame) in place.items() if moved == len(names)},
     )
-    return UrdfArm(arm, shapeless, chain[-1].child)
+    moved, standing = place.get(BASE, (1, before))
+    return UrdfArm(arm, shapeless, chain[-1].child, moved == 0 and not np.allclose(standing, np.eye(4), atol=1e-6))
 
 
 def _chain(joints: dict[str, Joint], tip: str, links: dict[str, ElementTree.Element]) -> list[Joint]:
@@ -115,6 +120,22 @@ def _chain(joints: dict[str, Joint], tip: str, links: dict[str, ElementTree.Elem
     if not passed:
         raise InputError("the chain has no joints; name the link at its end")
     return list(passed.values())[::-1]
+
+
+def _from_base(joints: dict[str, Joint], chain: list[Joint], base: str | None) -> tuple[list[Joint], FloatArray]:
+    """Return what of ``chain`` is beyond the joints that move ``base``, and base from the link where that begins."""
+    if base is None:
+        return chain, np.eye(4)
+    top, from_base = base, np.eye(4)
+    while top in joints and joints[top].kind == "fixed":
+        from_base = place_of(joints[top]) @ from_base
+        top = joints[top].parent
+    parents = [joint.parent for joint in chain]
+    if top not in parents:
+        raise InputError(
+            f"the base {base!r} is no link of the arm's chain, nor fixed to one; those are {listed(parents)}"
+        )
+    return chain[parents.index(top) :], invert(from_base)
 
 
 def _circle(link: str) -> InputError:

@@ -360,6 +360,42 @@ def test_of_thousands_of_links_each_one_is_followed_a_few_times(
     assert 4000 <= Followed.times <= 16_000
 
 
+def test_the_base_may_be_a_link_beside_the_arm_or_behind_what_moves_it(tmp_path: Path) -> None:
+    """UR's controllers report in ``base``, half a turn from ``base_link``; a mobile robot's arm begins at its lift."""
+    stand = (
+        '<link name="cart"/><joint name="lift" type="prismatic"><origin xyz="0 0 0.7"/><parent link="cart"/>'
+        '<child link="plate"/><axis xyz="0 0 1"/><limit lower="0" upper="1"/></joint><link name="plate">'
+        '<collision><geometry><sphere radius="0.2"/></geometry></collision></link>'
+        '<joint name="bolts" type="fixed"><origin xyz="0 0.1 0"/><parent link="plate"/><child link="base"/></joint>'
+        '<link name="r"/><joint name="r" type="fixed"><origin xyz="0 0 0.3" rpy="0 0 3.141592653589793"/>'
+        '<parent link="base"/><child link="r"/></joint></robot>'
+    )
+    (tmp_path / "arm.urdf").write_text(KR6.replace("</robot>", stand))
+    (tmp_path / "bare.urdf").write_text(KR6)
+    bare, base, turned, plate = (
+        read_urdf(tmp_path / name, base=link)
+        for name, link in (("bare.urdf", None), ("arm.urdf", "base"), ("arm.urdf", "r"), ("arm.urdf", "plate"))
+    )
+    angles = np.random.default_rng(1).uniform(-1, 1, (5, 6))
+    reached = forward(bare.arm, angles)
+    assert [read.base_apart for read in (bare, base, turned, plate)] == [False, False, True, True]
+    np.testing.assert_allclose(forward(base.arm, angles), reached, atol=1e-9)
+    half = np.diag([-1.0, -1, 1, 1])
+    half[2, 3] = -300
+    np.testing.assert_allclose(forward(turned.arm, angles), half @ reached, atol=1e-9)
+    np.testing.assert_allclose(forward(plate.arm, angles)[:, 1, 3], reached[:, 1, 3] + 100, atol=1e-9)
+    ball = next(body for body in turned.arm.bodies if body.name == "plate")
+    np.testing.assert_allclose((ball.link, *ball.start_mm), [0, 0, 100, -300], atol=1e-9)
+    with pytest.raises(InputError, match="joint lift is prismatic"):
+        read_urdf(tmp_path / "arm.urdf")
+    with pytest.raises(
+        InputError, match="the base 'camer' is no link of the arm's chain, nor fixed to one; those are"
+    ):
+        read_urdf(tmp_path / "arm.urdf", base="camer")
+    with pytest.raises(InputError, match="no joint of the chain turns"):
+        read_urdf(tmp_path / "arm.urdf", base="camera")
+
+
 def test_a_link_that_is_not_there_is_named(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(KR6)
     with pytest.raises(InputError, match="no link 'tool1'; the links are base, l1"):
