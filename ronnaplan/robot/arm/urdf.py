@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from difflib import get_close_matches
 from xml.etree import ElementTree
 
 import numpy as np
@@ -110,7 +111,9 @@ def _arm(root: ElementTree.Element, tip: str | None, base: str | None) -> UrdfAr
 def _chain(joints: dict[str, Joint], tip: str, links: dict[str, ElementTree.Element]) -> list[Joint]:
     """Return the joints from the base to the link ``tip``."""
     if tip not in links:
-        raise InputError(f"there is no link {tip!r}; the links are {listed(links)}")
+        similar = get_close_matches(tip, links)
+        told = f"; similar is {' or '.join(similar)}" if similar else ""
+        raise InputError(f"there is no link {tip!r}; the links are {listed(links)}{told}")
     passed: dict[str, Joint] = {}
     while tip in joints:
         if tip in passed:

@@ -210,7 +210,10 @@ def _stated_limits(
     if least is None or greatest is None:
         raise ValueError(f"a {kind} of joint {joint.name} is no number")
     if max(abs(least), abs(greatest)) > LARGEST_LIMIT_RAD:
-        raise InputError(f"joint {joint.name} has the {kind}s {least:g} to {greatest:g} rad; are they in degrees?")
+        raise InputError(
+            f"joint {joint.name} has the {kind}s {least:g} to {greatest:g} rad; are they in degrees? A joint without "
+            "limits is called continuous"
+        )
     return least, greatest
 
 

@@ -214,6 +214,7 @@ def test_the_limits_that_the_controller_keeps_count(
             "joint A2 of kr6 has the limits .* expected the lower one first",
         ),
         ('lower="-2.9670597283903604"', 'lower="-170"', "A1 has the limits -170 .* in degrees"),
+        ('lower="-2.9670597283903604"', 'lower="-1e16"', r"degrees\? A joint without limits is called continuous"),
         ('<limit lower="-2.9670597283903604" upper="2.9670597283903604"/>', "", "A1 has no limits"),
         ('xyz="0 0 0.4"', 'xyz="0 0 nan"', "no three numbers"),
         ('xyz="0 0 0.4"', 'xyz="0 0 400"', r"joint A1 has the origin '0 0 400' m; is it in mm\? Expected metres"),
@@ -398,7 +399,11 @@ def test_the_base_may_be_a_link_beside_the_arm_or_behind_what_moves_it(tmp_path:
 
 def test_a_link_that_is_not_there_is_named(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(KR6)
-    with pytest.raises(InputError, match="no link 'tool1'; the links are base, l1"):
+    with pytest.raises(InputError, match=r"no link 'tool1'; the links are base, l1, l2.*; similar is tool0$"):
         read_urdf(tmp_path / "arm.urdf", tip="tool1")
+    with pytest.raises(
+        InputError, match=r"no link 'hand'; the links are base, l1, l2, l3, l4, l5, l6, tool0, camera$"
+    ):
+        read_urdf(tmp_path / "arm.urdf", tip="hand")
     with pytest.raises(InputError, match="no such file"):
         read_urdf(tmp_path / "none.urdf")
