@@ -151,8 +151,9 @@ def _require_turning(chain: list[Joint]) -> None:
         if mimics or not (joint.turns or joint.kind == "fixed"):
             kind = "mimics another" if mimics else f"is {joint.kind}"
             raise InputError(
-                f"joint {joint.name} {kind}; only joints that turn can be planned with: name the flange as "
-                "the tip where it comes before, or call the joint fixed where it stays"
+                f"joint {joint.name} {kind}; only joints that turn can be planned with: name the flange as the tip "
+                "where it comes before, a link beyond it as the base (`--base LINK`) where that stands still, or call "
+                "the joint fixed where it stays"
             )
 
 

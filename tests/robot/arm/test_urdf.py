@@ -387,7 +387,9 @@ def test_the_base_may_be_a_link_beside_the_arm_or_behind_what_moves_it(tmp_path:
     np.testing.assert_allclose(forward(plate.arm, angles)[:, 1, 3], reached[:, 1, 3] + 100, atol=1e-9)
     ball = next(body for body in turned.arm.bodies if body.name == "plate")
     np.testing.assert_allclose((ball.link, *ball.start_mm), [0, 0, 100, -300], atol=1e-9)
-    with pytest.raises(InputError, match="joint lift is prismatic"):
+    with pytest.raises(
+        InputError, match=r"joint lift is prismatic; .*, a link beyond it as the base \(`--base LINK`\)"
+    ):
         read_urdf(tmp_path / "arm.urdf")
     with pytest.raises(
         InputError, match="the base 'camer' is no link of the arm's chain, nor fixed to one; those are"
