@@ -28,10 +28,13 @@ from ronnaplan.robot.arm import kinds
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.forward import link_frames
 from ronnaplan.robot.arm.refined import chain_of
+from ronnaplan.text import listed
 
 JOINTS = 6
 OTHERWISE = "`inverse_numeric` solves it, `robot place` needs a closed form"
 """What is left of an arm that has none."""
+HELD_DEG = (0.0, 90.0, -90.0, 180.0)
+"""Joints are tried at these angles, at which the axes before and after them are parallel or at right angles."""
 
 
 class Wrist(NamedTuple):
@@ -194,18 +197,22 @@ def _way_out(arm: SerialArm) -> str:
     held = _told_held(arm)
     if held:
         return f"hold one where it shall stay ({held})"
-    return "hold one that leaves a closed form (`--hold JOINT=DEGREES`; at 0 degrees none does)"
+    return f"no joint held at {listed(f'{angle:g}' for angle in HELD_DEG)} degrees leaves one; {OTHERWISE}"
 
 
 def _told_held(arm: SerialArm) -> str:
-    """Return the options that hold at zero any of the joints that then leave a closed form."""
-    return " or ".join(f"--hold {joint}=0" for joint in arm.joints if _is_served(arm, joint))
+    """Return the options that hold any of the joints so that a closed form is left, at the first angle that does."""
+    for angle in HELD_DEG:
+        if held := [joint for joint in arm.joints if _is_served(arm, joint, angle)]:
+            return " or ".join(f"--hold {joint}={angle:g}" for joint in held)
+    return ""
 
 
-def _is_served(arm: SerialArm, joint: str) -> bool:
-    """Whether an arm that has one joint too many is served with ``joint`` held at zero."""
+def _is_served(arm: SerialArm, joint: str, angle_deg: float) -> bool:
+    """Whether an arm that has one joint too many is served with ``joint`` held."""
     try:
-        wrist_of(replace(arm.holding(joint, 0.0), held=()))  # of which no other joint is asked in turn
+        held = arm.holding(joint, float(np.radians(angle_deg)))
+        wrist_of(replace(held, held=()))  # of which no other joint is asked in turn
     except InputError:
         return False
     return True

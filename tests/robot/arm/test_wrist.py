@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -338,12 +339,22 @@ def test_of_seven_joints_is_told_which_to_hold(tmp_path: Path) -> None:
         wrist_of(arm)
     with pytest.raises(InputError, match=r"; hold one where it shall stay \(--hold panda_joint7=0\)$"):
         wrist_of(read(panda(), tmp_path))
-    with pytest.raises(
-        InputError, match=r"hold one that leaves a closed form \(`--hold JOINT=DEGREES`; at 0 degrees"
-    ):
+    none = r"no joint held at 0, 90, -90, 180 degrees leaves one; `inverse_numeric` solves it, `robot place` needs"
+    with pytest.raises(InputError, match=none):  # as of a YuMi, which no angle of any joint helps
         wrist_of(read(SEVEN, tmp_path))
     with pytest.raises(InputError, match=r"29\.8.*parallel, expected parallel; hold joint_a3 at another angle"):
         wrist_of(arm.holding("joint_a3", 0.52))
+
+
+def test_of_seven_joints_whose_zero_is_turned_is_told_at_which_angle_to_hold_one(tmp_path: Path) -> None:
+    arm = read(iiwa(), tmp_path)
+    origins, limits = arm.origins.copy(), arm.limits_rad.copy()
+    origins[2] = origins[2] @ rigid(exponential(np.array([0.0, 0.0, np.pi / 2])), np.zeros(3))
+    limits[6] = 0.2, 1.4  # which may not be held at any of the angles that are tried
+    turned = replace(arm, origins=origins, limits_rad=limits)
+    with pytest.raises(InputError, match=r"; hold one where it shall stay \(--hold joint_a3=90( or|\))"):
+        wrist_of(turned)
+    wrist_of(turned.holding("joint_a3", np.pi / 2))
 
 
 def test_of_seven_joints_that_were_calibrated_is_told_which_to_hold(tmp_path: Path) -> None:
