@@ -173,7 +173,7 @@ def _farthest(joints: dict[str, Joint], links: dict[str, ElementTree.Element]) -
     lasts = {turned[link][1] for link in farthest}
     if len(lasts) > 1:
         raise InputError(
-            f"the chains to {listed(farthest, MOST_NAMED)} are equally long and {_parting(joints, lasts)}; name the "
+            f"the chains to {listed(farthest, MOST_NAMED)} are equally long and {_parting(joints, *lasts)}; name the "
             "link that is the flange (`--tip LINK`)"
         )
     last = lasts.pop()
@@ -181,16 +181,21 @@ def _farthest(joints: dict[str, Joint], links: dict[str, ElementTree.Element]) -
     return last
 
 
-def _parting(joints: dict[str, Joint], links: set[str]) -> str:
-    """Say which is the last link that the chains to ``links`` share: it holds a gripper's fingers, or two arms."""
-    ways = []
-    for link in links:
-        ways.append([link])
-        while link in joints:
+def _parting(joints: dict[str, Joint], first: str, *others: str) -> str:
+    """Say which link the chains share last, as the palm of two fingers; each link is followed once, as in `_turned`."""
+    way = [first]
+    while way[-1] in joints:
+        way.append(joints[way[-1]].parent)
+    place = {link: n for n, link in enumerate(way)}
+    shared, passed = 0, set[str]()
+    for link in others:
+        while link in joints and link not in place and link not in passed:
+            passed.add(link)
             link = joints[link].parent
-            ways[-1].append(link)
-    shared = next((link for link in ways[0] if all(link in way for way in ways)), None)
-    return f"part at {shared}" if shared is not None else "hang on no link in common"
+        if link not in place and link not in passed:
+            return "hang on no link in common"
+        shared = max(shared, place.get(link, 0))
+    return f"part at {way[shared]}"
 
 
 def _require_last(joints: dict[str, Joint], last: str) -> None:
@@ -203,10 +208,9 @@ def _require_last(joints: dict[str, Joint], last: str) -> None:
         others = list(moved)
         how = "slide on" if all(joint.kind == "prismatic" for joint in moved.values()) else "move on"
     if others:
-        more = f" and {len(others) - MOST_NAMED} more" if len(others) > MOST_NAMED else ""
         raise InputError(
             f"no link is called {FLANGE}, and other links {how} the last that turns, {last}: "
-            f"{', '.join(others[:MOST_NAMED])}{more}; name the one that is the flange (`--tip LINK`), {last} or another"
+            f"{listed(others, MOST_NAMED)}; name the one that is the flange (`--tip LINK`), {last} or another"
         )
 
 

@@ -361,6 +361,24 @@ def test_of_thousands_of_links_each_one_is_followed_a_few_times(
     assert 4000 <= Followed.times <= 16_000
 
 
+def test_of_thousands_of_fingers_on_a_long_chain_each_link_is_followed_a_few_times(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The chain to each finger walked anew, to tell where they part, followed millions."""
+    parents = ["l7", *(f"r{n}" for n in range(1999))]
+    rods = "".join(
+        f'<link name="r{n}"/><joint name="s{n}" type="fixed"><parent link="{parent}"/><child link="r{n}"/></joint>'
+        for n, parent in enumerate(parents)
+    )
+    hand = _many_fingers(2000).replace("palm", "r1999")
+    (tmp_path / "arm.urdf").write_text(SEVEN.replace("</robot>", rods + hand))
+    monkeypatch.setattr(urdf, "joints_of", lambda *given: Followed(joints_of(*given)))
+    monkeypatch.setattr(Followed, "times", 0)
+    with pytest.raises(InputError, match=r"f7 and 1992 more are equally long and part at r1999; name"):
+        read_urdf(tmp_path / "arm.urdf")
+    assert 4000 <= Followed.times <= 24_000
+
+
 def test_the_base_may_be_a_link_beside_the_arm_or_behind_what_moves_it(tmp_path: Path) -> None:
     """UR's controllers report in ``base``, half a turn from ``base_link``; a mobile robot's arm begins at its lift."""
     stand = (
