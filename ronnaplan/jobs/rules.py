@@ -29,10 +29,13 @@ def _diameters(given: Any) -> Any:
     return tuple(given) if isinstance(given, list) else given
 
 
+Seconds = Annotated[float, Field(gt=0, le=86_400)]
+
+
 class JobLimits(DocumentModel):
     """What the work on one series may take."""
 
-    seconds: Annotated[float, Field(gt=0, le=86_400)] = 600.0
+    seconds: Seconds = 600.0
     memory_mib: Annotated[int, Field(ge=256, le=1_000_000)] = 4096
 
 

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from ronnaplan.documents.fields import DocumentModel, Label, Line, require_different_names
 from ronnaplan.documents.reading import read_settings
-from ronnaplan.jobs.rules import JobLimits, ScanRule
+from ronnaplan.jobs.rules import JobLimits, ScanRule, Seconds
 
 ANY_ADDRESS = "any"
 """A peer's host that stands for every address."""
@@ -28,7 +28,6 @@ def _title(text: str) -> str:
 
 AeTitle = Annotated[str, AfterValidator(_title)]
 Port = Annotated[int, Field(ge=0, le=65_535)]
-Seconds = Annotated[float, Field(gt=0, le=86_400)]
 Count = Annotated[int, Field(ge=1, le=100_000)]
 
 
