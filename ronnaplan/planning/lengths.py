@@ -1,4 +1,4 @@
-"""What markers and a printed template measure, what layouts and paths keep, where nothing else is said.
+"""What markers, templates and paths measure, and how many entries are proposed, where nothing else is said.
 
 Nothing is imported here, so that the command line can name them in its help at once.
 """
