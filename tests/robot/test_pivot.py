@@ -101,7 +101,9 @@ def test_the_error_is_as_large_as_stated_whatever_the_noises_memory(kind: str, i
     for _ in range(cases):
         poses = recording(0, 200, noise_mm=0.0)
         noise = noisy(kind, rng, len(poses))
-        poses[:, :3, 3] += np.einsum("nij,nj->ni", poses[:, :3, :3], noise) if in_tool else noise
+        if in_tool:
+            noise = np.einsum("nij,nj->ni", poses[:, :3, :3], noise)
+        poses[:, :3, 3] += noise
         found = calibrate_pivot(poses)
         error = found.tip_mm - TIP
         squares.append(error @ np.linalg.solve(found.tip_covariance_mm2, error))
@@ -120,7 +122,9 @@ def test_the_error_is_as_large_as_stated_where_orientations_wander_and_drift(
     for _ in range(cases):
         poses, place = exact.copy(), noisy(kind, rng, 100)
         turns = Rotation.from_rotvec(noisy(kind, rng, 100) / 150.0).as_matrix()
-        poses[:, :3, 3] += np.einsum("nij,nj->ni", exact[:, :3, :3], place) if in_tool else place
+        if in_tool:
+            place = np.einsum("nij,nj->ni", exact[:, :3, :3], place)
+        poses[:, :3, 3] += place
         poses[:, :3, :3] = exact[:, :3, :3] @ turns if in_tool else turns @ exact[:, :3, :3]
         found = calibrate_pivot(poses)
         error = found.tip_mm - TIP
