@@ -84,11 +84,13 @@ def similarity_match(
     return np.full(len(ct), -1)
 
 
-@njit(cache=True, nogil=True)
 def similarity_match_many(
     ct: FloatArray, ots: FloatArray, expected: int, e_start: float, e_stop: float, e_step: float, one_to_one: bool
 ) -> IntArray:
-    """Match T sets (T, n, 3) and (T, m, 3); return the partners (T, n)."""
+    """Match T sets (T, n, 3) and (T, m, 3); return the partners (T, n).
+
+    It is no kernel: to compile all once more within another one takes as long as a million calls do.
+    """
     partner = np.empty(ct.shape[:2], np.int64)
     for t in range(len(ct)):
         partner[t] = similarity_match(ct[t], ots[t], expected, e_start, e_stop, e_step, one_to_one)
