@@ -73,7 +73,7 @@ def test_a_row_is_found_as_often_as_a_ball() -> None:
             np.vstack((body + s * rng.normal(size=(16, 3)), ball(rng, 31, 150.0))) for s in (SIGMA_CT, SIGMA_OTS)
         )
         search = Search.of(problem_of(ct, ots), every=False)
-        seeds = np.argsort(rng.random((400, 16)), axis=1)[:, :3]
+        seeds = first_in_order(rng.random((400, 16)), 3)
         hits = poses_of_seeds(
             ct, ots, search.grid, seeds, np.argsort(rng.random((32, 47)), axis=1), search.needed, (search.chance, 0.2),
             search.table, search.problem.sigma_mm, search.sides_chi2, none, 1e12,
