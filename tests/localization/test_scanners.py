@@ -305,10 +305,8 @@ def test_a_ball_in_the_streaks_of_metal_beside_it_is_less_certain_along_their_sl
     beside, alone = (
         scanned(balls([CENTER]) + metal, "gaussian", 0.6, 1.2, 0.6, 0.7) for metal in (nut, Scene(()))
     )
-    streaked = [
-        replace(volume, voxels_hu=(volume.voxels_hu + 100.0 + 2.0 * offsets_mm(volume, np.array(CENTER))[1]))
-        for volume in (beside, alone)
-    ]
+    sloped = (100.0 + 2.0 * offsets_mm(beside, np.array(CENTER))[1]).astype(np.float32)
+    streaked = [replace(volume, voxels_hu=volume.voxels_hu + sloped) for volume in (beside, alone)]
     drawn, clear = (stated_um(localize(volume, diameter_mm=11.5)) for volume in streaked)
     assert drawn[1] > 8.0
     assert np.all(clear[:2] < 4.0)

@@ -147,6 +147,6 @@ def test_slices_that_put_a_ball_farther_from_its_screw_are_not_believed() -> Non
     blurred = np.apply_along_axis(
         lambda column: np.convolve(column, tails / tails.sum(), "same"), 0, seen.voxels_hu
     )
-    fit = fit_of(replace(seen, voxels_hu=np.round(blurred).astype(np.int16)))
+    fit = fit_of(replace(seen, voxels_hu=np.round(blurred).astype(np.int16, order="C")))
     assert fit.by_part_mm2 is not None
     assert abs(fit.center_mm[2] - CENTER_MM[2]) < 0.0025  # 0.0045 where they are

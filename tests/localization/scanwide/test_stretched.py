@@ -109,9 +109,10 @@ def test_distances_of_rows_and_columns_that_were_exchanged_are_told_as_such(soun
     grid = sound.grid
     rows = np.arange(0.0, sound.voxels_hu.shape[1] - 1, 1.2)  # of 0.6 mm, by straight lines
     low, share = rows.astype(int), (rows % 1.0)[:, np.newaxis]
-    voxels_hu = (1.0 - share) * sound.voxels_hu[:, low] + share * sound.voxels_hu[:, low + 1]
+    between = (1.0 - share) * sound.voxels_hu[:, low] + share * sound.voxels_hu[:, low + 1]
+    voxels_hu = between.astype(np.int16, order="C")
     exchanged = replace(grid, row_step_mm=0.5 * grid.axes[1], column_step_mm=0.6 * grid.axes[0])
-    found = localize(replace(sound, voxels_hu=voxels_hu.astype(np.int16), grid=exchanged), diameter_mm=11.5)
+    found = localize(replace(sound, voxels_hu=voxels_hu, grid=exchanged), diameter_mm=11.5)
     assert not len(found)
     assert found.distortion == (
         "4 candidates are alike ellipsoids, 1.44 times as long along the rows as down the columns: the distances of "
