@@ -12,6 +12,9 @@ from tests.planner.browser import Planner, at_rest, chromium, eventually, needs_
 pytestmark = needs_browser
 
 SOFTWARE = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+SMALL = 760, 560
+"""A window in which a head is drawn, in software, by few pixels."""
+
 IN_NO_TIME, SLOWLY = "performance.now = () => 0", "let now = 0; performance.now = () => (now += 1000)"
 """Clocks by which a frame is drawn: how busy this machine is decides nothing."""
 
@@ -51,7 +54,7 @@ def test_the_browser_draws_turns_and_opens_the_head_and_gets_pictures_where_it_c
 
 def look(url: str) -> None:
     with chromium(*SOFTWARE) as browser:
-        page = opened(browser, url, 1000, 700, IN_NO_TIME)
+        page = opened(browser, url, *SMALL, IN_NO_TIME)
         faults: list[str] = []
         page.on("pageerror", lambda error: faults.append(str(error)))
         page.wait_for_function(DRAWN)
@@ -74,7 +77,7 @@ def look(url: str) -> None:
         assert sum("/volume" in url for url in page.requested) == 2, "the scan is sent once, after it did not come"
         assert faults == []
         page.close()
-        time_it_anew(opened(browser, url, 1000, 700, SLOWLY))
+        time_it_anew(opened(browser, url, *SMALL, SLOWLY))
 
 
 def ask_again_for_what_did_not_come(page: Any, first: np.ndarray) -> None:
@@ -104,6 +107,7 @@ def show_a_scan_that_comes_late_only_where_it_is_still_asked_for(page: Any, firs
 
 def see_nothing_through_cuts(page: Any) -> None:
     """One of a hundred pixels of a cut showed what lies behind it: white points, as of lime in a brain."""
+    page.set_viewport_size({"width": 1000, "height": 700})  # where the point was seen
     page.select_option("#shown-as", "soft tissue")
     page.wait_for_function("window.trame.state.get('volume').table")
     page.select_option("#opened", "corner")
@@ -115,6 +119,7 @@ def see_nothing_through_cuts(page: Any) -> None:
         page.press("svg[data-view=head]", "ArrowRight")
     eventually(page, lambda: specks(seen(page)) == 0)  # once it is drawn whole
     page.select_option("#opened", "")
+    page.set_viewport_size({"width": SMALL[0], "height": SMALL[1]})
 
 
 def turn(page: Any, first: np.ndarray) -> np.ndarray:
@@ -135,7 +140,7 @@ def is_from_the_front(page: Any) -> bool:
 
 def click_the_cube_in_small_windows(page: Any) -> None:
     """What is asked about the head, or to draw it, has room beside the cube; it lay over it."""
-    for width, height in ((1366, 768), (860, 600), (760, 560), (1000, 700)):
+    for width, height in ((1366, 768), (1000, 700), (860, 600), SMALL):
         page.set_viewport_size({"width": width, "height": height})
         asked, cube = (page.locator(f"{which} >> visible=true").bounding_box() for which in (ASKED, ".rp-cube"))
         assert asked["x"] + asked["width"] <= cube["x"]
