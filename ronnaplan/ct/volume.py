@@ -237,7 +237,8 @@ class CTVolume(Gridded):
             matrix = np.column_stack(
                 [-matrix[:, 0], *matrix[:, 1:3].T, matrix[:, 3] + (len(kept) - 1) * matrix[:, 0]]
             )
-        return cls(kept, SliceGrid.from_affine(matrix, len(kept)), source)
+        rows = np.ascontiguousarray(kept)  # as readers give them: kernels are compiled for these
+        return cls(rows, SliceGrid.from_affine(matrix, len(rows)), source)
 
     @classmethod
     def from_sitk(cls, image: Any, frame_of_reference_uid: str | None = None) -> CTVolume:

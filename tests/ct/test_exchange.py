@@ -60,6 +60,15 @@ def test_descending_slices_are_put_in_order() -> None:
     np.testing.assert_array_equal(again.voxels_hu, ct.voxels_hu)
 
 
+@pytest.mark.parametrize("step", [1, -1])
+def test_voxels_stand_row_by_row_however_they_came(step: int) -> None:
+    """Those of MATLAB and of descending slices did not, and all that looks for markers was compiled anew for them."""
+    ct = volume()
+    affine = ct.affine @ np.diag([step, 1.0, 1.0, 1.0])
+    again = CTVolume.from_array(np.asfortranarray(ct.voxels_hu)[::step], affine)
+    assert again.voxels_hu.flags.c_contiguous
+
+
 def test_simpleitk_has_each_value_at_the_same_place_and_gives_it_back() -> None:
     ct = volume()
     image = ct.to_sitk()
