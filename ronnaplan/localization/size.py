@@ -54,7 +54,7 @@ class Size:
     diameter_mm: float
     count: int
     is_hidden: bool = False
-    """Whether the scale ends so far below their contrast that nobody sees how large they are."""
+    """Whether the scale ends so far below the contrast of most, and of all but two, that nobody sees how large."""
 
     def __str__(self) -> str:
         spheres = counted(self.count, "sphere")
@@ -167,11 +167,16 @@ def _sizes_of(judged: Iterable[Examined], scan: Scan) -> tuple[Size, ...]:
     """Return the kinds of the balls among what was ``judged``, commonest first, of equally common ones the largest."""
     accepted = distinct(one for one in judged if one.is_marker)
     kinds = [[accepted[n] for n in kind] for kind in _runs([one.diameter_mm for one in accepted], SAME_SIZE)]
-    sizes = [
-        Size(float(np.median([one.diameter_mm for one in kind])), len(kind), _are_hidden(kind, scan))
-        for kind in kinds
-    ]
+    sizes = [_size_of(kind, scan) for kind in kinds]
     return tuple(sorted(sizes, key=lambda size: (-size.count, -size.diameter_mm)))
+
+
+def _size_of(kind: Sequence[Examined], scan: Scan) -> Size:
+    """Return the size of a kind: of those of its balls that show it, where these are `MIN_MARKERS`."""
+    shown = [one for one in kind if not _is_hidden(one, scan)]
+    tells = shown if len(shown) >= MIN_MARKERS else kind
+    is_hidden = tells is kind and 2 * len(shown) <= len(kind)
+    return Size(float(np.median([one.diameter_mm for one in tells])), len(kind), is_hidden)
 
 
 def _fitted_at(
@@ -246,12 +251,9 @@ def _in_full(scan: Scan, one: Examined, marker: Build) -> Examined:
     return examine_place(scan, one.center_mm, one.diameter_mm, marker)
 
 
-def _are_hidden(kind: Sequence[Examined], scan: Scan) -> bool:
-    """Whether the scale's end hides the size of half of a kind, or more."""
-    hidden = [
-        scan.ceiling_hu - one.parameters[BACKGROUND] < PLATEAU_SHARE * one.parameters[CONTRAST] for one in kind
-    ]
-    return bool(2 * sum(hidden) >= len(kind))
+def _is_hidden(one: Examined, scan: Scan) -> bool:
+    """Whether the scale ends so far below a ball's contrast that nobody sees how large it is."""
+    return bool(scan.ceiling_hu - one.parameters[BACKGROUND] < PLATEAU_SHARE * one.parameters[CONTRAST])
 
 
 def _runs(diameters_mm: Sequence[float], apart: float) -> list[list[int]]:

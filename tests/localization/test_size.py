@@ -114,6 +114,15 @@ def test_metal_that_the_scale_does_not_hold_has_no_size(stated_mm: float) -> Non
     assert common_diameter(ceramic) == pytest.approx(stated_mm, abs=0.05)
 
 
+def test_of_metal_and_plastic_of_one_size_the_plastic_shows_it() -> None:
+    """Three balls that the scale holds were not asked where as many or more were brighter than its end."""
+    stack = small_stack(thickness_mm=0.6, spacing_mm=0.6)
+    metal = balls([*PLACES[3:], (0.4, -0.6, -9.3)], 11.5, "titanium")
+    assert common_diameter(scan(balls(PLACES[:3], 11.5) + metal, stack)) == pytest.approx(11.5, abs=0.01)
+    with pytest.raises(RefusedError, match=r"5 spheres of about 12 mm, .* hides their size; state --diameter"):
+        common_diameter(scan(balls(PLACES[:2], 11.5) + metal, stack))
+
+
 def test_balls_whose_edges_a_head_bends_show_their_size_once_that_is_made_good(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
