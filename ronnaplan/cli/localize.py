@@ -181,13 +181,12 @@ def _read(path: str, series: str | None, name: str = "ronnaplan: ") -> CTVolume:
 def _localized(volume: CTVolume, wanted: _Wanted, report: str | None) -> Fiducials:
     """Localize, however many markers there are, and draw the report, also where the answer is refused."""
     from ronnaplan.errors import RefusedError
-    from ronnaplan.localization import common_diameter, localize
+    from ronnaplan.localization import localize
 
     try:
         found = localize(
             volume,
-            diameter_mm=wanted.diameters_mm
-            or common_diameter(volume, wanted.expected, wanted.build, progress=True),
+            diameter_mm=wanted.diameters_mm or _common_diameter(volume, wanted),
             template=wanted.template,
             marker=wanted.build,
             progress=True,
@@ -199,6 +198,16 @@ def _localized(volume: CTVolume, wanted: _Wanted, report: str | None) -> Fiducia
     warn(*(f"{flag}; those that were computed are left out" for flag in told))
     _draw(report, volume, wanted, found)
     return found
+
+
+def _common_diameter(volume: CTVolume, wanted: _Wanted) -> float:
+    """Return the commonest diameter, and warn of other sets of balls where no number says which one is meant."""
+    from ronnaplan.localization.size import common_sizes, proposal
+
+    sizes = common_sizes(volume, wanted.expected, wanted.build, progress=True)
+    if len(sizes) > 1 and wanted.expected is None:
+        warn(f"balls of {sizes[0].diameter_mm:.2f} mm are taken, the commonest; {proposal(sizes)}")
+    return sizes[0].diameter_mm
 
 
 def _draw(report: str | None, volume: CTVolume, wanted: _Wanted, found: Fiducials | None = None) -> None:

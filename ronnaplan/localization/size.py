@@ -79,14 +79,23 @@ def common_diameter(
     Raises `RefusedError`, with the sizes that are there as proposals, when no `MIN_MARKERS` balls have one size,
     several sizes are equally common, or the scale's end hides the size.
     """
-    return commonest(_sizes(volume, marker, progress, partial(_undecided, expected)), expected)
+    return common_sizes(volume, expected, marker, progress=progress)[0].diameter_mm
 
 
-def commonest(sizes: Sequence[Size], expected: int | None) -> float:
-    """Return the diameter (mm) of the first of ``sizes``, or of the one that ``expected`` balls have.
+def common_sizes(
+    volume: CTVolume, expected: int | None = None, marker: Build = SOLID, *, progress: bool = False
+) -> tuple[Size, ...]:
+    """Return the kind that `common_diameter` goes by, and then the others of `MIN_MARKERS` balls that were seen.
 
-    Refuses as `common_diameter` does.
+    Refuses as that does.  Of the others there may be more balls, which were not fitted.
     """
+    sizes = _sizes(volume, marker, progress, partial(_undecided, expected))
+    first = commonest(sizes, expected)
+    return (first, *(size for size in sizes if size.count >= MIN_MARKERS and size is not first))
+
+
+def commonest(sizes: Sequence[Size], expected: int | None) -> Size:
+    """Return the first of ``sizes``, or the one that ``expected`` balls have; refuse as `common_diameter` does."""
     sets = [size for size in sizes if size.count >= MIN_MARKERS]
     wanted = [size for size in sets if size.count == expected] or [
         size for size in sets if size.count == sets[0].count
@@ -94,7 +103,7 @@ def commonest(sizes: Sequence[Size], expected: int | None) -> float:
     if len(wanted) == 1 and wanted[0].is_hidden:
         raise RefusedError(f"{wanted[0]}: that hides their size; state --diameter")
     if len(wanted) == 1:
-        return wanted[0].diameter_mm
+        return wanted[0]
     if not sets:
         raise RefusedError(f"no {MIN_MARKERS} balls of one size were found; {proposal(sizes)}")
     raise RefusedError(f"{len(wanted)} sizes of balls are equally common; {proposal(wanted)}")

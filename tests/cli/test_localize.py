@@ -44,6 +44,25 @@ def test_diameters_given_one_after_another_are_all_looked_for(
     assert "1 marker of 8 or 11.5 or 20 mm" in err
 
 
+def test_another_set_of_balls_beside_the_commonest_is_told_of(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Four balls were taken for the markers without a word of three others; the number that is expected decides."""
+    many = balls([(x, y, 0.0) for x in (-16.0, 0.0) for y in (-8.0, 8.0)], 9.0)
+    few = balls([(16.0, y, 0.0) for y in (-14.0, 0.0, 14.0)], 6.0)
+    scene, stack = many + few, small_stack()
+    write_phantom(tmp_path / "ct", scene, stack, render(scene, stack, seed=1))
+    call = ["localize", str(tmp_path / "ct"), "--diameter", "auto"]
+    status, out, err = run(call, capsys)
+    assert status == 0
+    assert len(json.loads(out)["fiducials"]) == 4
+    assert "warning: balls of 9.00 mm are taken, the commonest; seen: 4 spheres of 9.00 mm, 3 spheres" in err
+    assert "--diameter 9.0,6.0 for all" in err
+    status, out, err = run([*call, "--expected", "3"], capsys)
+    assert len(json.loads(out)["fiducials"]) == 3
+    assert "the commonest" not in err
+
+
 def test_an_empty_scan_is_an_answer(ct_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     status, out, err = run(["localize", str(ct_folder), "--diameter", "5"], capsys)
     assert status == 0

@@ -39,7 +39,7 @@ def test_too_few_balls_of_one_size_are_refused_with_what_there_is() -> None:
 
 def test_of_equally_common_sizes_the_expected_number_decides_or_both_are_proposed() -> None:
     seen = (Size(11.5, 4), Size(9.0, 4), Size(5.0, 3))
-    assert commonest(seen, expected=3) == 5.0
+    assert commonest(seen, expected=3).diameter_mm == 5.0
     with pytest.raises(
         RefusedError, match=r"try --diameter 11.5 or --diameter 9.0 or --diameter 11.5,9.0 for all"
     ):
