@@ -88,17 +88,17 @@ def _flange_notes(read: UrdfArm, room: Room, is_named: bool) -> list[str]:
     from ronnaplan.geometry import unit
     from ronnaplan.robot.arm.urdf import FLANGE
 
-    notes = []
-    if not is_named and read.flange != FLANGE:
+    notes, flange = [], read.arm.flange_link
+    if not is_named and flange != FLANGE:
         notes.append(
-            f"no link is called {FLANGE}, so that the flange is taken to be {read.flange}, the last that turns; name "
-            "it, or another, with --tip"
+            f"no link is called {FLANGE}, so that the flange is taken to be {flange}, the last that turns; name it, "
+            "or another, with --tip"
         )
     axis = read.arm.flange[:3, :3].T @ read.arm.axes[-1]
     aside = max(abs(axis[2]), abs(axis @ unit(room.tool.direction))) < ALONG
     if aside:
         notes.append(
-            f"{read.arm.joints[-1]} does not turn about z of the flange {read.flange} but about its "
+            f"{read.arm.joints[-1]} does not turn about z of the flange {flange} but about its "
             f"{'xyz'[np.argmax(np.abs(axis))]}, and the tool of the scene points across that; [tool] and [camera] are "
             "in the axes of that link: turn what they state, or name another link with --tip"
         )

@@ -173,15 +173,22 @@ class HeldEntry(DocumentModel):
     angle_deg: Degrees
 
 
+class LinksEntry(DocumentModel):
+    """Of what links the poses are, by their names in the arm's description: R is the ``base``."""
+
+    base: Label
+    flange: Label
+
+
 class PlacementDocument(_Grown):
     """The whole of placement.json, version 1.
 
     ``trajectories`` and ``markers`` are those that were to be served, as they were then; versions up to 0.2 do not tell
-    them. Where joints are held, angles are those of the six ``joints`` that turn, and each of ``held`` stays at its
-    own. Otherwise neither is written, and the angles are those of all joints in their order.
+    them, nor the arm's ``links``. Where joints are held, angles are those of the six ``joints`` that turn, and each of
+    ``held`` stays at its own. Otherwise neither is written, and the angles are those of all joints in their order.
     """
 
-    newer = ("joints", "held", "trajectories", "markers", "standoff_mm", "notes")
+    newer = ("links", "joints", "held", "trajectories", "markers", "standoff_mm", "notes")
 
     format: Literal["ronnaplan.placement"]
     version: Literal[1]
@@ -196,6 +203,7 @@ class PlacementDocument(_Grown):
     standoff_mm: LengthMm = 0.0
     """Trajectories were looked at from so far before their entries."""
     arm: Label
+    links: LinksEntry | None = None
     joints: tuple[Label, Label, Label, Label, Label, Label] | None = None
     held: tuple[HeldEntry, ...] = Field(default=(), max_length=MOST_HELD)
     parking: ParkingEntry
@@ -233,9 +241,12 @@ class PlacementDocument(_Grown):
 
     @property
     def arm_text(self) -> str:
-        """The arm, and what of it is held."""
-        told = [f"{one.joint} held at {one.angle_deg:g} degrees" for one in self.held]
-        return f"{self.arm}, {' and '.join(told)}" if told else self.arm
+        """The arm, what of it is held, and which of its links R and the flange are."""
+        held = " and ".join(f"{one.joint} held at {one.angle_deg:g} degrees" for one in self.held)
+        told = f"{self.arm}, {held}" if held else self.arm
+        if self.links is None:
+            return told
+        return f"{told}; R is its link {self.links.base}, its flange the link {self.links.flange}"
 
     def not_known(self, trajectories: Iterable[Trajectory]) -> list[str]:
         """Return the names of those of ``trajectories`` that were not served, or not as they are now."""
@@ -262,7 +273,7 @@ def read_placement(path: str | os.PathLike[str]) -> PlacementDocument:
 
 def placement_text(document: PlacementDocument) -> str:
     """Return what a person should know of a placement, some lines."""
-    lines = [document.arm_text] if document.held else []
+    lines = [document.arm_text]
     for number, place in enumerate(document.robot_from_ct, 1):
         pose = np.array(place.room_from_r)
         turn = np.degrees(np.arctan2(pose[1, 0], pose[0, 0]))

@@ -43,6 +43,7 @@ def placement_document(
         ],
         "standoff_mm": room.tool.standoff_mm,
         "arm": arm.name,
+        "links": {"base": arm.base_link, "flange": arm.flange_link},
         "joints": arm.joints if arm.held else None,
         "held": [
             {"joint": one.joint, "angle_deg": round(float(np.degrees(one.angle_rad)), 9)} for one in arm.held

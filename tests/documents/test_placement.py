@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +18,13 @@ from ronnaplan.pose import transform_points
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.forward import link_frames
 from ronnaplan.robot.arm.kuka import kr6_r900
+from ronnaplan.robot.arm.urdf import read_urdf
 from ronnaplan.robot.placement.placement import Place, Placement
 from ronnaplan.robot.placement.room import Capsule
 from ronnaplan.robot.placement.route import Route
 from ronnaplan.robot.placement.search import base_pose
 from ronnaplan.robot.placement.serving import Served
-from tests.robot.arm.arms import IIWA_M, UR5E_M, iiwa, ur
+from tests.robot.arm.arms import IIWA_M, KR6, UR5E_M, iiwa, ur
 from tests.robot.arm.test_kinematics import read
 from tests.robot.placement.cases import room
 
@@ -47,7 +49,9 @@ def test_angles_stand_with_the_joints_that_they_are_of_and_those_that_are_held(t
     (tmp_path / "placement.json").write_text(text)
     found = read_placement(tmp_path / "placement.json")
     assert to_json(found) == text
-    assert placement_text(found).splitlines()[0] == "iiwa, joint_a3 held at 0 degrees"
+    assert placement_text(found).splitlines()[0] == (
+        "iiwa, joint_a3 held at 0 degrees; R is its link l0, its flange the link tool0"
+    )
     for missing in ("joints", "held"):
         (tmp_path / "placement.json").write_text(
             json.dumps({**written, missing: None if missing == "joints" else []})
@@ -66,7 +70,20 @@ def test_where_nothing_is_held_what_is_written_is_as_it_was(tmp_path: Path) -> N
     assert not {"joints", "held"} & set(written)
     (tmp_path / "placement.json").write_text(json.dumps(written))
     assert read_placement(tmp_path / "placement.json") == found
-    assert placement_text(found).startswith("place 1: ")
+    assert placement_text(found).splitlines()[1].startswith("place 1: ")
+
+
+def test_the_links_that_the_poses_are_of_are_told_and_files_without_them_are_read(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(KR6)
+    arm = read_urdf(tmp_path / "arm.urdf", tip="camera", base="l1").arm
+    assert (arm.base_link, arm.flange_link) == ("l1", "camera")
+    content = json.loads(to_json(document(replace(kr6_r900(), base_link="l1", flange_link="camera"))))
+    assert (content["arm"], content["links"]) == ("kr6r900", {"base": "l1", "flange": "camera"})
+    told = []
+    for links in (content, {name: value for name, value in content.items() if name != "links"}):
+        (tmp_path / "placement.json").write_text(json.dumps(links))
+        told.append(placement_text(read_placement(tmp_path / "placement.json")).splitlines()[0])
+    assert told == ["kr6r900; R is its link l1, its flange the link camera", "kr6r900"]
 
 
 def test_a_held_arm_is_drawn_as_the_whole_arm_stands_with_that_joint_at_its_angle(tmp_path: Path) -> None:

@@ -96,8 +96,9 @@ def test_the_report_tells_places_margins_and_what_they_do_not_cover() -> None:
     part = placement_part(Case(plan=plan, placement=noted), UNDRAWN)
     assert "the robot's place: collisions of base are not looked at" in part.warnings
     held = document(joints=tuple("abcdef"), held=(HeldEntry(joint="g", angle_deg=12.5),))
-    assert "kr6r900, g held at 12.5 degrees; coordinates" in "".join(
-        html_of(placement_part(Case(plan=plan, placement=held), UNDRAWN).body)
+    assert (
+        "kr6r900, g held at 12.5 degrees; R is its link base, its flange the link flange; coordinates"
+        in "".join(html_of(placement_part(Case(plan=plan, placement=held), UNDRAWN).body))
     )
     blocked = document(robot_from_ct=(), status="blocked", blocked=("joint 5 is beyond its limit",))
     part = placement_part(Case(plan=cases.plan(), placement=blocked))

@@ -63,6 +63,7 @@ class SerialArm:
     link about ``axes`` (N, 3), unit vectors in the joint's own frame. ``limits_rad`` (N, 2) are the least and the
     greatest angles. ``flange`` (4, 4) is the flange in the last link; ``frames`` are tools and cameras, each
     ``flange_from_tool`` (4, 4) by name. ``held`` are the joints that were there, in the order in which they were held.
+    ``base_link`` and ``flange_link`` are what R and the flange are called where the arm is described.
     """
 
     name: str
@@ -74,6 +75,8 @@ class SerialArm:
     bodies: tuple[Body, ...] = ()
     frames: dict[str, FloatArray] = field(default_factory=dict)
     held: tuple[HeldJoint, ...] = ()
+    base_link: str = "base"
+    flange_link: str = "flange"
 
     def __post_init__(self) -> None:
         count = len(self.joints)

@@ -47,13 +47,11 @@ MOST_NAMED = 8
 class UrdfArm:
     """An arm, and the links of which it has no body, or not all: of meshes, or moved by joints outside the chain.
 
-    ``flange`` is the link that is the arm's flange. ``base_apart`` tells that a link `BASE` stands still elsewhere than
-    what the chain was read from.
+    ``base_apart`` tells that a link `BASE` stands still elsewhere than what the chain was read from.
     """
 
     arm: SerialArm
     shapeless: tuple[str, ...]
-    flange: str
     base_apart: bool
 
 
@@ -103,9 +101,11 @@ def _arm(root: ElementTree.Element, tip: str | None, base: str | None) -> UrdfAr
         before,
         bodies,
         {name: np.linalg.inv(before) @ frame for name, (moved, frame) in place.items() if moved == len(names)},
+        base_link=base or chain[0].parent,
+        flange_link=chain[-1].child,
     )
     moved, standing = place.get(BASE, (1, before))
-    return UrdfArm(arm, shapeless, chain[-1].child, moved == 0 and not np.allclose(standing, np.eye(4), atol=1e-6))
+    return UrdfArm(arm, shapeless, moved == 0 and not np.allclose(standing, np.eye(4), atol=1e-6))
 
 
 def _chain(joints: dict[str, Joint], tip: str, links: dict[str, ElementTree.Element]) -> list[Joint]:

@@ -19,7 +19,7 @@ from tests.robot.arm.arms import IIWA_M, KR6, SEVEN, iiwa
 def test_simple_shapes_become_capsules_and_meshes_are_named(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text(KR6)
     read = read_urdf(tmp_path / "arm.urdf")
-    assert (read.shapeless, read.flange) == (("base",), "tool0")
+    assert (read.shapeless, read.arm.base_link, read.arm.flange_link) == (("base",), "base", "tool0")
     cylinder, box, ball = read.arm.bodies
     assert (cylinder.link, box.link, ball.link) == (2, 3, 5)
     np.testing.assert_allclose([cylinder.start_mm, cylinder.end_mm], [[0, 0, 0], [400, 0, 0]], atol=1e-9)
