@@ -13,6 +13,7 @@ from ronnaplan.planning import Plan
 from ronnaplan.pose import Pose, invert, transform_points
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.chain import R
+from ronnaplan.robot.placement.at_best import kept_at_best
 from ronnaplan.robot.placement.machine import clad, machine_of
 from ronnaplan.robot.placement.room import Room
 from ronnaplan.robot.placement.search import Problem
@@ -92,7 +93,9 @@ class Job:
     def problem(self, fineness: Fineness, tasks: Sequence[Task] | None = None) -> Problem:
         """Return what bases are judged by, for all tasks or some."""
         ways = ways_of(self.tasks if tasks is None else tasks, self.arm, fineness)
-        return Problem(machine_of(self.arm, self.room, ways.instruments), self.world, ways, self.room.floor)
+        machine = machine_of(self.arm, self.room, ways.instruments)
+        kept = kept_at_best(machine, self.world, ways, self.arm.flange)
+        return Problem(machine, self.world, ways._replace(kept=kept), self.room.floor)
 
     def base_of(self, robot_from_ct: Pose) -> FloatArray:
         """Return room from R (4, 4) of a robot that was measured after parking.

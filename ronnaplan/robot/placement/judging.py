@@ -38,6 +38,14 @@ def soft(value: float, plenty: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def worth_at_most(world: World, clearance: float, view: float) -> float:
+    """Return what a posture that keeps ``clearance`` (mm) and ``view`` (rad) is worth, whatever its joints keep."""
+    if clearance < world.needs[CLEARANCE_NEED] or view < world.needs[VIEW_NEED]:
+        return NOTHING
+    return min(soft(clearance, world.plenty[0]), float(np.degrees(soft(view, world.plenty[1]))))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def judge_base(
     machine: Machine,
     world: World,
@@ -99,6 +107,7 @@ def judge_task(
     ``chosen`` (2,) names way and posture; what it names beforehand is tried first where any will do.
     """
     flanges, instrument = ways.flanges[ways.firsts[task] : ways.firsts[task + 1]], ways.instruments[task]
+    kept = ways.kept[ways.firsts[task] : ways.firsts[task + 1]]
     count, begin, best = len(flanges), chosen[0], NOTHING
     angles, hopes = np.empty((ways.steps[task], 8, 6)), np.full((count, 8), NOTHING)
     hopes[begin, chosen[1]] = enough
@@ -106,13 +115,16 @@ def judge_task(
         first, ways_asked = (begin + max(k, 0)) % count, 1
         if k == count:
             first, ways_asked = 0, count
-        elif k >= 0:
+        elif k >= 0 and worth_at_most(world, kept[first, 0], kept[first, 1]) > max(best, least):
             hoped(machine, world.needs, standing.from_room, flanges[first], max(best, least), angles, hopes[first])
         while True:
             n, b = divmod(int(hopes[first : first + ways_asked].argmax()), 8)
             n, beyond = n + first, max(best, least)
             if hopes[n, b] <= beyond or (hopes[n, b] < enough and k < count):
                 break
+            if worth_at_most(world, kept[n, 0], kept[n, 1]) <= beyond:
+                hopes[n] = NOTHING
+                continue
             found = worth_of(machine, world, standing, flanges[n], instrument, b, beyond, angles, hopes[n])
             if found > best:
                 best, chosen[0], chosen[1] = found, n, b

@@ -27,6 +27,7 @@ def alone(problem: Problem, task: int) -> Problem:
         firsts=np.array([0, last - first]),
         steps=ways.steps[[task]],
         instruments=ways.instruments[[task]],
+        kept=ways.kept[first:last],
     )
     return replace(problem, ways=only)
 

@@ -60,6 +60,8 @@ class Ways(NamedTuple):
     """How many poses the ways of each task have (T,)."""
     instruments: FloatArray
     """Capsules (T, 7) in the last link's frame."""
+    kept: FloatArray
+    """Clearance (mm) and tracker's margin (rad) that no posture on a way exceeds, from any base (N, 2)."""
 
 
 def drill_task(
@@ -95,7 +97,11 @@ def ways_of(tasks: Sequence[Task], arm: SerialArm, fineness: Fineness) -> Ways:
     firsts = np.cumsum([0, *(len(part) for part in parts)])
     instruments = [_in_last_link(arm, task.instrument) for task in tasks]
     return Ways(
-        np.concatenate(parts), firsts.astype(np.int64), np.array(steps, dtype=np.int64), np.array(instruments)
+        np.concatenate(parts),
+        firsts.astype(np.int64),
+        np.array(steps, dtype=np.int64),
+        np.array(instruments),
+        np.full((firsts[-1], 2), np.inf),
     )
 
 

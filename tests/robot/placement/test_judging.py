@@ -7,13 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ronnaplan.geometry import unit
 from ronnaplan.robot.placement import tasks
+from ronnaplan.robot.placement.at_best import ROUNDING
 from ronnaplan.robot.placement.judging import judge_base
 from ronnaplan.robot.placement.parking import probability, strayed
 from ronnaplan.robot.placement.placement import CLOSER, COARSE, FINE
 from ronnaplan.robot.placement.room import Box, Capsule, ToolMarker
 from ronnaplan.robot.placement.search import base_pose, serves, worths
 from ronnaplan.robot.placement.tasks import view_task
+from ronnaplan.robot.placement.world import CLEARANCE_NEED, VIEW_NEED
 from tests.long import few_and_others
 from tests.robot.placement.cases import CENTER_MM, job, room
 
@@ -31,11 +34,12 @@ def test_what_saves_time_changes_no_worth(seed: int) -> None:
     places = rng.uniform([-900.0, -800.0, 850.0, 20.0], [-500.0, -300.0, 1000.0, 70.0], (60, 4))
     worth, chosen = np.empty((len(places), len(problem))), np.zeros((len(problem), 2), dtype=np.int64)
     order = np.arange(len(problem))
+    every_way = problem.ways._replace(kept=np.full_like(problem.ways.kept, np.inf))
     for place, each in zip(places, worth, strict=True):
         judge_base(
             problem.machine,
             problem.world,
-            problem.ways,
+            every_way,
             base_pose(place),
             order,
             True,
@@ -50,6 +54,35 @@ def test_what_saves_time_changes_no_worth(seed: int) -> None:
     np.testing.assert_array_equal(found[least >= 0.0], least[least >= 0.0])
     assert (found[least < 0.0] < 0.0).all()
     assert (serves(problem, places) == (least >= 0.0)).all()
+
+
+def test_what_a_way_keeps_at_best_is_what_tool_and_marker_keep_there() -> None:
+    """By points along the tool's bodies, a plate over the head, and the angle at which the tracker sees the marker."""
+    plate = Box("plate", (-150.0, 0.0, 1230.0), (60.0, 300.0, 20.0))
+    given = job(3, 12, 0, boxes=(plate,), capsules=())
+    problem, tool = given.problem(replace(COARSE, step_mm=1000.0)), given.room.tool
+    ways, need, shares = problem.ways, problem.world.needs, np.linspace(0.0, 1.0, 2001)[:, None]
+    assert tool.marker is not None
+    aside, away = np.full((2, len(ways.flanges)), np.inf)
+    for p in range(2):
+        turn, place = ways.flanges[:, p, :3, :3], ways.flanges[:, p, :3, 3]
+        to_tracker = problem.world.tracker - turn @ np.array(tool.marker.at_mm) - place
+        cosine = np.einsum("ni,ni->n", turn @ unit(tool.marker.normal), to_tracker)
+        cosine /= np.linalg.norm(to_tracker, axis=1)
+        aside = np.minimum(aside, np.radians(tool.marker.seen_deg) - np.arccos(cosine))
+        for body in tool.bodies:
+            points = np.array(body.start_mm) + shares * np.subtract(body.end_mm, body.start_mm)
+            placed = points @ turn.swapaxes(1, 2) + place[:, None]
+            beyond = np.maximum(np.abs(placed - plate.center_mm) - np.array(plate.size_mm) / 2, 0.0)
+            away = np.minimum(away, np.linalg.norm(beyond, axis=-1).min(axis=1) - body.radius_mm)
+    is_seen = ways.kept[:, 1] >= need[VIEW_NEED]
+    near = is_seen & (away < need[CLEARANCE_NEED])
+    assert 10 < near.sum() < is_seen.sum() < len(is_seen) - 10
+    is_free = is_seen & (ways.kept[:, 0] >= need[CLEARANCE_NEED])
+    assert 10 < is_free.sum() < is_seen.sum()
+    assert not (near & is_free).any()
+    np.testing.assert_allclose(ways.kept[is_free, 1], aside[is_free], atol=2 * ROUNDING)
+    assert (ways.kept[is_free, 0] < away[is_free] + 0.01).all()
 
 
 def test_the_probability_that_is_told_is_no_less_for_want_of_sides_to_view_from(
