@@ -65,13 +65,10 @@ def judge_base(
     ``least``, ends the search; nothing above ``plenty`` is told apart. What one base teaches is kept for the next: the
     task that decided comes first in ``order`` (T,), and what served each is asked first (``chosen``).
     """
-    trolley = place_trolley(machine, base)
+    standing = _standing(machine, base)
     worth[:] = NOTHING
-    if not parked(world, trolley):
+    if not parked(world, standing.trolley):
         return -float(len(order)) - 1.0
-    inverse = np.zeros((4, 4))
-    invert_into(inverse, base)
-    standing = Standing(inverse, trolley, frames_on(machine, base), np.empty((len(machine.links) + 1, 7)))
     worst, unserved, decides = plenty, 0, 0
     for place in range(len(order)):
         task = order[place]
@@ -84,11 +81,57 @@ def judge_base(
             if not whole:
                 break
     if not whole:
-        first = order[decides]
-        for n in range(decides, 0, -1):
-            order[n] = order[n - 1]
-        order[0] = first
+        _put_first(order, decides)
     return worst if unserved == 0 else -float(unserved)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def tasks_served(
+    machine: Machine,
+    world: World,
+    ways: Ways,
+    base: FloatArray,
+    order: NDArray[np.int64],
+    chosen: NDArray[np.int64],
+    asked: int,
+    enough: float,
+    served: NDArray[np.bool_],
+) -> None:
+    """Fill ``served`` (T,) with which tasks ``base`` (4, 4) serves, whatever becomes of the others there.
+
+    Where these are fewer than ``asked``, with none. Worths above ``enough`` are not told apart. ``order`` and
+    ``chosen`` are kept as by `judge_base`.
+    """
+    standing = _standing(machine, base)
+    served[:] = False
+    if not parked(world, standing.trolley):
+        return
+    spare = len(order) - asked
+    for place in range(len(order)):
+        task = order[place]
+        served[task] = judge_task(machine, world, ways, standing, task, 0.0, enough, chosen[task]) >= 0.0
+        if not served[task]:
+            _put_first(order, place)
+            spare -= 1
+            if spare < 0:
+                served[:] = False
+                return
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _standing(machine: Machine, base: FloatArray) -> Standing:
+    inverse = np.zeros((4, 4))
+    invert_into(inverse, base)
+    bodies = np.empty((len(machine.links) + 1, 7))
+    return Standing(inverse, place_trolley(machine, base), frames_on(machine, base), bodies)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _put_first(order: NDArray[np.int64], place: int) -> None:
+    first = order[place]
+    for n in range(place, 0, -1):
+        order[n] = order[n - 1]
+    order[0] = first
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.placement.search import SIDES, Problem, serves, within
+from ronnaplan.robot.placement.judging import tasks_served
+from ronnaplan.robot.placement.search import ANY, SIDES, Problem, base_pose, shared_out, within
 
 LOOKED_AT = 300
 """Bases of which it is asked what each of them serves."""
@@ -18,23 +17,23 @@ FIRST_STEP, LAST_STEP_MM = (100.0, 100.0, 100.0, 20.0), 5.0
 """Steps in x, y, z (mm) and turn (degrees) to begin with, and the least: tasks are lost and won within centimetres."""
 
 
-def alone(problem: Problem, task: int) -> Problem:
-    """Return ``problem`` with one ``task`` only."""
-    ways = problem.ways
-    first, last = ways.firsts[task], ways.firsts[task + 1]
-    only = ways._replace(
-        flanges=ways.flanges[first:last],
-        firsts=np.array([0, last - first]),
-        steps=ways.steps[[task]],
-        instruments=ways.instruments[[task]],
-        kept=ways.kept[first:last],
-    )
-    return replace(problem, ways=only)
+def served_each(problem: Problem, places: FloatArray, asked: int = 0) -> NDArray[np.bool_]:
+    """Return which tasks each of ``places`` (N, 4) serves (N, T), whatever becomes of the others there.
 
+    Of a place that serves fewer than are ``asked`` none is told: it is left as soon as that is known.
+    """
+    served = np.empty((len(places), len(problem)), dtype=np.bool_)
 
-def served_each(problem: Problem, places: FloatArray) -> NDArray[np.bool_]:
-    """Return which tasks each of ``places`` (N, 4) serves (N, T), whatever becomes of the others there."""
-    return np.stack([serves(alone(problem, task), places) for task in range(len(problem))], axis=1)
+    def ask(rows: NDArray[np.int64]) -> None:
+        order, chosen = np.arange(len(problem)), np.zeros((len(problem), 2), dtype=np.int64)
+        for row in rows:
+            base = base_pose(places[row])
+            tasks_served(
+                problem.machine, problem.world, problem.ways, base, order, chosen, asked, ANY, served[row]
+            )
+
+    shared_out(ask, len(places))
+    return served
 
 
 def serving_most(problem: Problem, places: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
@@ -58,7 +57,7 @@ def _climbed(
     step = np.array(FIRST_STEP)
     while step[0] >= LAST_STEP_MM and not served.all():
         tried = within(problem.floor, place + SIDES * step)
-        each = served_each(problem, tried)
+        each = served_each(problem, tried, asked=int(served.sum()) + 1)
         counts = each.sum(axis=1)
         if counts.max(initial=0) > served.sum():
             place, served = tried[counts.argmax()], each[counts.argmax()]

@@ -12,7 +12,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import invert, transform_points
 from ronnaplan.robot.placement import blocking
 from ronnaplan.robot.placement.job import Job
-from ronnaplan.robot.placement.most import CLIMBING, alone, serving_most
+from ronnaplan.robot.placement.most import CLIMBING, served_each, serving_most
 from ronnaplan.robot.placement.near import what_comes_near
 from ronnaplan.robot.placement.parking import probability
 from ronnaplan.robot.placement.route import Route, plan_route
@@ -24,7 +24,6 @@ from ronnaplan.robot.placement.search import (
     grid,
     refined,
     scattered,
-    serves,
     worths,
 )
 from ronnaplan.robot.placement.serving import Served, serve
@@ -188,15 +187,13 @@ def _other_entry(job: Job, task: Task, best: FloatArray) -> str:
     for turn in np.unique(turns):
         ring = [replace(task, starts_mm=start[None]) for start in starts[turns == turn]]
         problem = job.problem(COARSE, ring)
-        for n, other in enumerate(ring):
-            if serves(alone(problem, n), best)[0]:
-                start = other.starts_mm[0]
-                inward = (target - start) / np.linalg.norm(target - start)
-                entry = transform_points(
-                    invert(job.room_from_ct), (start + job.room.tool.standoff_mm * inward)[None]
-                )[0]
-                place = ", ".join(f"{value:.1f}" for value in entry)
-                return (
-                    f"the nearest entry that works is turned by {turn:.0f} degrees about the target: ({place}) LPS"
-                )
+        (works,) = served_each(problem, best)
+        if works.any():
+            start = ring[works.argmax()].starts_mm[0]
+            inward = (target - start) / np.linalg.norm(target - start)
+            entry = transform_points(invert(job.room_from_ct), (start + job.room.tool.standoff_mm * inward)[None])[
+                0
+            ]
+            place = ", ".join(f"{value:.1f}" for value in entry)
+            return f"the nearest entry that works is turned by {turn:.0f} degrees about the target: ({place}) LPS"
     return f"no entry turned by up to {turns.max():.0f} degrees about the target works either"

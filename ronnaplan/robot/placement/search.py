@@ -87,9 +87,14 @@ def worths(problem: Problem, places: FloatArray, least: float = 0.0, plenty: flo
                 problem.machine, problem.world, problem.ways, base, order, False, worth, chosen, least, plenty
             )
 
-    parts = cores()
-    list(in_threads(judge, [np.arange(n, len(places), parts) for n in range(min(parts, len(places)))]))
+    shared_out(judge, len(places))
     return found
+
+
+def shared_out(work: Callable[[NDArray[np.int64]], None], count: int) -> None:
+    """Have all cores do ``work`` on the numbers below ``count``, each on every so many: near places take as long."""
+    parts = cores()
+    list(in_threads(work, [np.arange(n, count, parts) for n in range(min(parts, count))]))
 
 
 def serves(problem: Problem, places: FloatArray) -> NDArray[np.bool_]:

@@ -11,6 +11,7 @@ from ronnaplan.geometry import unit
 from ronnaplan.robot.placement import tasks
 from ronnaplan.robot.placement.at_best import ROUNDING
 from ronnaplan.robot.placement.judging import judge_base
+from ronnaplan.robot.placement.most import served_each
 from ronnaplan.robot.placement.parking import probability, strayed
 from ronnaplan.robot.placement.placement import CLOSER, COARSE, FINE
 from ronnaplan.robot.placement.room import Box, Capsule, ToolMarker
@@ -54,6 +55,11 @@ def test_what_saves_time_changes_no_worth(seed: int) -> None:
     np.testing.assert_array_equal(found[least >= 0.0], least[least >= 0.0])
     assert (found[least < 0.0] < 0.0).all()
     assert (serves(problem, places) == (least >= 0.0)).all()
+    each = worth >= 0.0
+    np.testing.assert_array_equal(served_each(problem, places), each)
+    enough = each.sum(axis=1) >= 5
+    assert 5 < enough.sum() < 55
+    np.testing.assert_array_equal(served_each(problem, places, asked=5), each & enough[:, None])
 
 
 def test_what_a_way_keeps_at_best_is_what_tool_and_marker_keep_there() -> None:
