@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 BUILT_IN = "kr6r900"
 """What ``--arm`` calls the arm that needs no file."""
+USUAL_M = (0.1, 10.0)
+"""Arms beside a patient are longer than the one, stretched, and shorter than the other."""
 ALONG = 0.7
 """A tool whose direction has a larger cosine with the last joint's axis points out of the flange."""
 
@@ -21,6 +23,7 @@ ALONG = 0.7
 def named_arm(arguments: argparse.Namespace, room: Room) -> tuple[SerialArm, list[str]]:
     """Return the built-in arm, or that of a file, with the joints held that are to be, and what of it is not known."""
     arm, notes = _described(arguments, room)
+    notes += _length_notes(arm)
     bare = set(range(len(arm.joints))) - {link for link, _ in room.arm_bodies}  # the last link is a mere flange
     if room.arm_bodies and bare:
         notes.append(
@@ -28,6 +31,20 @@ def named_arm(arguments: argparse.Namespace, room: Room) -> tuple[SerialArm, lis
             f"{', '.join(map(str, sorted(bare)))}: collisions of these are not looked at"
         )
     return _held(arm, arguments.hold), notes
+
+
+def _length_notes(arm: SerialArm) -> list[str]:
+    """Say how long an arm is that no arm beside a head is: its description may be in inches."""
+    import numpy as np
+
+    steps_mm = [*arm.origins[1:, :3, 3], arm.flange[:3, 3]]
+    length_m = float(np.linalg.norm(steps_mm, axis=1).sum()) / 1000.0
+    if USUAL_M[0] <= length_m <= USUAL_M[1]:
+        return []
+    return [
+        f"from its first joint to its flange the arm {arm.name} is {length_m:.3g} m long; expected {USUAL_M[0]:g} to "
+        f"{USUAL_M[1]:g} m: lengths in a URDF are metres, bring to these what is in inches or other units"
+    ]
 
 
 def _held(arm: SerialArm, holds: Sequence[tuple[str, float]]) -> SerialArm:

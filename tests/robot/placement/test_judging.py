@@ -55,11 +55,11 @@ def test_what_saves_time_changes_no_worth(seed: int) -> None:
     np.testing.assert_array_equal(found[least >= 0.0], least[least >= 0.0])
     assert (found[least < 0.0] < 0.0).all()
     assert (serves(problem, places) == (least >= 0.0)).all()
-    each = worth >= 0.0
-    np.testing.assert_array_equal(served_each(problem, places), each)
-    enough = each.sum(axis=1) >= 5
-    assert 5 < enough.sum() < 55
-    np.testing.assert_array_equal(served_each(problem, places, asked=5), each & enough[:, None])
+    is_served = worth >= 0.0
+    np.testing.assert_array_equal(served_each(problem, places), is_served)
+    serves_five = is_served.sum(axis=1) >= 5
+    assert 5 < serves_five.sum() < 55
+    np.testing.assert_array_equal(served_each(problem, places, asked=5), is_served & serves_five[:, None])
 
 
 def test_what_a_way_keeps_at_best_is_what_tool_and_marker_keep_there() -> None:
