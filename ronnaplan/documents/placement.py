@@ -288,7 +288,8 @@ def placement_text(document: PlacementDocument) -> str:
             f"{what}: x {x:.0f}, y {y:.0f}, z {z:.0f} mm, turn {turn:.0f} degrees; "
             f"joints keep {place.worst_margin_deg:.1f} degrees{sure}"
         )
-        lines.append(f"  order: {', '.join(place.route.order)} ({place.route.travel_deg:.0f} degrees)")
+        if place.route.order:
+            lines.append(f"  order: {', '.join(place.route.order)} ({place.route.travel_deg:.0f} degrees)")
         if place.route.stuck:
             lines.append(f"  no free way from the reference posture to {', '.join(place.route.stuck)}")
         lines += [f"  {sentence}" for sentence in place.near]

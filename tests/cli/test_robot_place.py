@@ -221,6 +221,8 @@ def test_a_place_from_where_the_way_is_not_free_is_written_and_refused(
     told = capsys.readouterr().err
     assert "no free way leads from the reference posture to LH; state another reference_deg" in told
     assert "probability" not in told
+    assert "order" not in told
+    assert "between the reference posture and" not in told
     found = read_placement(output)
     assert (found.status, found.robot_from_ct[0].route.stuck) == ("placed", ("LH",))
 

@@ -12,6 +12,7 @@ from kernelcache import njit
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, unit
 from ronnaplan.robot.arm.arm import Body, SerialArm
+from ronnaplan.robot.arm.forward import link_frames
 from ronnaplan.robot.arm.links import place_links
 from ronnaplan.robot.arm.wrist import Wrist, wrist_of
 from ronnaplan.robot.placement.distances import segment_segment
@@ -58,7 +59,7 @@ def machine_of(arm: SerialArm, room: Room, instruments: FloatArray = NO_INSTRUME
     """Return the robot with the room's tool, for ``instruments`` (T, 7) in the last link's frame.
 
     An instrument of no radius is none. A link that any of them is drawn into is kept from none of them. Raises
-    `InputError` for an arm that has no closed form, no bodies, or does not reach the room's reference posture.
+    `InputError` for an arm that has no closed form, no bodies, or cannot stand in the room's reference posture.
     """
     wrist = wrist_of(arm)
     _require_posture(arm, room.reference_deg)
@@ -86,6 +87,7 @@ def machine_of(arm: SerialArm, room: Room, instruments: FloatArray = NO_INSTRUME
     parted = np.vstack([of_tool, of_instruments.min(axis=0, initial=np.inf)]) >= PARTED_MM
     kept = machine.kept[tool_from:, :tool_from]
     kept[parted & (kept == FREE)] = APART
+    _require_apart(machine, arm, room)
     return machine
 
 
@@ -125,6 +127,27 @@ def _require_posture(arm: SerialArm, reference_deg: Sequence[float]) -> None:
             raise InputError(
                 f"reference_deg in the room has {angle:g} degrees for joint {number} of {arm.name}, {joint}; expected "
                 f"{np.degrees(least):.1f} to {np.degrees(greatest):.1f}"
+            )
+
+
+def _require_apart(machine: Machine, arm: SerialArm, room: Room) -> None:
+    """Raise `InputError` where the robot meets itself in the reference posture, from which no way then leads.
+
+    What stands on the base is left out: how joint 1 stands to it is told by the tasks.
+    """
+    of_arm, of_tool = clad(arm, room.arm_bodies).bodies, room.tool.bodies
+    names = [*(one.name for one in of_arm), *(one.name for one in of_tool)]
+    frames = link_frames(arm, np.radians(room.reference_deg))
+    placed = [_moved(frames[link], row) for link, row in zip(machine.links, machine.bodies, strict=True)]
+    for k, j in np.argwhere((machine.kept[:-1] != FREE) & (machine.links > 0)).tolist():
+        need = room.margins.clearance_mm if machine.kept[k, j] == CLEAR else 0.0
+        apart = segment_segment(placed[k], placed[j]) - placed[k][6] - placed[j][6]
+        if apart < need:
+            near = f"comes within {int(apart)} mm of" if apart >= 0.0 else "would meet"
+            asked = f"{need:g} mm apart" if need else "apart"
+            raise InputError(
+                f"in the posture reference_deg of the room {names[k]} {near} {names[j]}, so that no way leads from it; "
+                f"state a posture in which they are {asked}"
             )
 
 

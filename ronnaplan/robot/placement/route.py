@@ -119,13 +119,15 @@ def plan_route(
     corners = [rest]
     for n in tour.order:
         corners += [*([rest] if n in around else []), (served[n].name, postures[n])]
+    if tour.order:
+        corners.append(rest)
     route = Route(
         tuple(served[n].name for n in tour.order),
         tour.length,
         tuple(served[n].name for n in around),
         tuple(served[n].name for n in stuck),
         reference,
-        (*corners, rest),
+        tuple(corners),
     )
     return route, tuple(_shifted(problem, one, to) for one, to in zip(served, postures, strict=True))
 

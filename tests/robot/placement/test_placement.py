@@ -39,7 +39,7 @@ from ronnaplan.robot.placement.tasks import drill_task
 from ronnaplan.robot.placement.world import world_of
 from tests import cases
 from tests.long import few_and_others
-from tests.robot.arm.arms import KR6, UR10E_M, calibrated_ur5e, hanging, iiwa, panda, ur
+from tests.robot.arm.arms import KR6, UR5E_M, UR10E_M, calibrated_ur5e, hanging, iiwa, panda, ur
 from tests.robot.arm.test_kinematics import read
 from tests.robot.placement.cases import CENTER_MM, HEAD_MM, job, room, surface
 
@@ -238,6 +238,20 @@ def test_a_reference_posture_beyond_the_arm_is_refused_by_the_joint(found: tuple
     ):
         with pytest.raises(InputError, match=told):
             find_places(replace(given, room=replace(given.room, reference_deg=reference)))
+
+
+def test_a_reference_posture_in_which_the_robot_meets_itself_is_refused_before_all_else(tmp_path: Path) -> None:
+    """The middles of a UR's limits, with which an example begins; and one that is nearer to itself than asked for."""
+    given = replace(job(0, 1, 0, floor=SMALL, reference_deg=(0.0,) * 6), arm=read(ur(UR5E_M), tmp_path))
+    with pytest.raises(
+        InputError, match="of the room cameras would meet l4, so that no way leads from it; state a"
+    ):
+        find_places(given)
+    given = job(0, 1, 0, floor=SMALL, margins=Margins(clearance_mm=400.0))
+    with pytest.raises(
+        InputError, match=r"comes within \d+ mm of .*; state a posture in which they are 400 mm apart"
+    ):
+        find_places(given)
 
 
 def test_a_reference_posture_may_be_at_a_limit() -> None:
