@@ -25,6 +25,8 @@ MOST_THINGS = 200
 
 MOST_LINKS = 7
 """The last link's number of an arm with a joint that is held; the arm itself says how many it has."""
+LEAST_VIEW_MM = 1.0
+"""A marker is viewed along the way of the cameras to it, which has no direction if it is no way."""
 LARGEST_STANDOFF_MM = 1000.0
 """An arm beside a patient does not come from a metre off; all of its way is looked at, every few millimetres."""
 SHORTEST_DIRECTION = 1e-6
@@ -190,7 +192,7 @@ class CameraEntry(DocumentModel):
     tcp: Vector = parts.Camera.tcp_mm
     direction: Pointing = parts.Camera.direction
     tilt_deg: Angle = parts.Camera.tilt_deg
-    standoff_mm: StandoffMm = parts.Camera.standoff_mm
+    standoff_mm: Annotated[float, Field(ge=LEAST_VIEW_MM, le=LARGEST_STANDOFF_MM)] = parts.Camera.standoff_mm
 
 
 class TrackerEntry(DocumentModel):

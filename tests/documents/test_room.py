@@ -70,6 +70,11 @@ def test_the_example_shows_how_an_arm_of_meshes_is_told(tmp_path: Path) -> None:
             "standoff_mm = 1001",
             "camera.standoff_mm: Input should be less than or equal to 1000",
         ),
+        (
+            "standoff_mm = 50",
+            "standoff_mm = 0",
+            "camera.standoff_mm: Input should be greater than or equal to 1",
+        ),
         ("nearest_mm = 950", "nearest_mm = 3000", "tracker: it sees from 3000 to 2400 mm; expected farthest_mm"),
         ('name = "patient"', 'name = "table"', "two boxes or capsules have the same name"),
         ('name = "head holder"', 'name = "table"', "two boxes or capsules have the same name"),
