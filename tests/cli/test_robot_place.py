@@ -448,9 +448,7 @@ def test_links_of_meshes_are_named_unless_the_room_states_bodies(
     assert any(note.startswith("collisions of base are not") for note in notes)
     one = with_arm_body(EXAMPLE)
     body = one[one.index("[[arm_body]]") : one.index("[camera]")]
-    small = body.replace("[455, 0, 0]", "[9, 0, 0]").replace(
-        "radius = 95", "radius = 5"
-    )  # that none meets another
+    small = body.replace("[455, 0, 0]", "[9, 0, 0]").replace("radius = 95", "radius = 5")
     others = [small.replace("link = 2", f"link = {n}").replace("upper arm", f"part {n}") for n in (0, 1, 3, 4, 5)]
     every = one.replace(body, "\n".join([body, *others]))
     for arm_named in (far, far[2:]):  # of its file, and built in
