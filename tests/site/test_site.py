@@ -148,6 +148,7 @@ def test_every_equation_becomes_mathml_and_none_is_left_as_latex(maker: ModuleTy
         "tracking",
         "planning",
         "robot",
+        "robot_method",
         "phantoms",
     )
     for room in rooms:
