@@ -115,10 +115,23 @@ def earlier(poses: FloatArray, late: float, frames: Sequence[int]) -> FloatArray
     return then
 
 
+def within(frames: Sequence[int], late: float) -> NDArray[np.intp]:
+    """Return which of ``frames`` (N,) are so many frames later than some of the recording, or as much earlier."""
+    times = _times(frames)
+    then = times - late
+    inside: NDArray[np.intp] = np.flatnonzero((then >= times.min()) & (then <= times.max()))
+    return inside
+
+
+def _times(frames: Sequence[int]) -> FloatArray:
+    """Return ``frames`` (N,) from the first on: time stamps have more digits than a float."""
+    numbers = np.asarray(frames, dtype=object)
+    return np.asarray(numbers - numbers[0], dtype=np.float64)
+
+
 def _nearest(frames: Sequence[int], neighbours: int) -> tuple[FloatArray, NDArray[np.intp]]:
     """Return the times (N,) of ``frames`` (N,), from the first, and which (N, k) poses lie next to each."""
-    numbers, count = np.asarray(frames, dtype=object), len(frames)
-    times = (numbers - numbers[0]).astype(float)  # from the first: time stamps have more digits than a float
+    times, count = _times(frames), len(frames)
     first = np.clip(np.arange(count) - neighbours // 2, 0, count - 1 - neighbours)
     nearest = first[:, None] + np.arange(neighbours + 1)
     return times, nearest[nearest != np.arange(count)[:, None]].reshape(count, neighbours)

@@ -11,33 +11,23 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import (
-    Pose,
-    adjoint,
-    as_poses,
-    carried,
-    cross_matrix,
-    exponential,
-    first_told,
-    invert,
-    point_jacobian,
-    rigid,
-)
+from ronnaplan.pose import Pose, adjoint, as_poses, carried, first_told, invert, point_jacobian
 from ronnaplan.robot.by_pose import Cause, Suspicion
-from ronnaplan.robot.by_pose_fields import apart, earlier, fields, shows_scale
+from ronnaplan.robot.by_pose_fields import apart, fields, shows_scale
 from ronnaplan.robot.chain import OTS, TCP, M, R
+from ronnaplan.robot.hand_eye_fit import CONSTANTS, IN_TOOL, IN_TRACKER, Fit, design_of, motion, refine, turned
 from ronnaplan.robot.hand_eye_found import HandEye
-from ronnaplan.robot.hand_eye_refused import Late, agree, contradiction, late_by, rms
-from ronnaplan.robot.hand_eye_start import FINEST, closed_form, discrepancies, far_off, out_of_step
+from ronnaplan.robot.hand_eye_late import Late, Matched, how_late, matched
+from ronnaplan.robot.hand_eye_refused import agree, contradiction, rms
+from ronnaplan.robot.hand_eye_start import closed_form, discrepancies, far_off, out_of_step
 from ronnaplan.robot.hand_eye_step import step_in
-from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
+from ronnaplan.robot.memory import Equations, least_squares_covariance
 from ronnaplan.robot.pivot import LONGEST_TOOL_MM
 
 FEWEST_POSES = 4
@@ -48,16 +38,6 @@ SAME_TIP_PROBABILITY = 1e-6
 """A pivot calibration that errors as stated would put so far off, and more rarely than this, is of another tip."""
 SAME_POSES = 1e-6
 """Poses that nowhere differ by more, in an entry, are of one recording."""
-STARTING_SDS = (1e-3, 1.0)
-"""Errors of rotation, in rad, and translation, in mm, that the first step is weighed by."""
-LEAST_FREEDOM, LOPSIDED = 1e-3, 1e-2
-"""Round-off can leave less freedom; rotations err by that share of what places do over a meter, and these of them."""
-ITERATIONS = 6
-"""Each weighs rotations and translations by the scatter that the one before it left."""
-CONSTANTS = 12
-"""So many unknowns, the first ones, are increments of the two poses."""
-IN_TRACKER, IN_TOOL = slice(12, 21), slice(21, 27)
-"""Which unknowns are drifts in the tracker's axes and in the tool's."""
 
 
 def calibrate_hand_eye(
@@ -83,16 +63,18 @@ def calibrate_hand_eye(
     for whose, poses in (("robot", driven), ("tracker", seen)):
         require_two_axes(poses[:, :3, :3], "M from TCP", whose)
     left, right = closed_form(seen, driven)
-    fit = _refine(seen, driven, left, right)
+    fit = refine(seen, driven, left, right)
     numbers = range(len(told)) if frames is None else [frames[one] for one in told]
-    late = late_by(fit.error, fit.design * fit.sds[:, None], driven @ invert(fit.right), numbers)
-    was = driven if late is None else earlier(driven, late.frames, numbers)
-    far = far_off(seen, was)
-    start = (left, right) if late is None else closed_form(seen, was)
-    step = step_in(discrepancies(seen, was, *start), _design(seen, start[1], np.ones(6)))
+    late = how_late(fit, seen, driven, numbers)
+    then = matched(seen, driven, numbers, late.frames if late else 0.0)
+    far = np.zeros(len(seen), dtype=np.bool_)
+    far[then.rows] = far_off(then.seen, then.driven)
+    start = closed_form(then.seen, then.driven)
+    step = step_in(discrepancies(then.seen, then.driven, *start), design_of(then.seen, start[1], np.ones(6)))
+    step = step and step._replace(first=int(then.rows[step.first]))
     if not agree(fit.error):
         raise RefusedError(contradiction(fit.error, seen, driven, far, step, late, numbers))
-    found = _found(fit, seen, was, numbers, late)
+    found = _found(fit, then, late)
     away_mm = float(np.linalg.norm(found.m_from_tcp.translation_mm))
     if away_mm > LONGEST_TOOL_MM:
         raise RefusedError(
@@ -143,7 +125,7 @@ def with_tip(found: HandEye, tip_mm: FloatArray, tip_mm2: FloatArray) -> HandEye
     gain = pose.covariance @ jacobian.T @ np.linalg.inv(spread)
     rest = np.eye(6) - gain @ jacobian
     covariance = rest @ pose.covariance @ rest.T + gain @ tip_mm2 @ gain.T
-    return replace(found, m_from_tcp=Pose(_motion(gain @ off) @ pose.matrix, covariance, M, TCP))
+    return replace(found, m_from_tcp=Pose(motion(gain @ off) @ pose.matrix, covariance, M, TCP))
 
 
 def require_two_axes(rotations: FloatArray, unknown: str, whose: str = "robot") -> None:
@@ -160,46 +142,14 @@ def require_two_axes(rotations: FloatArray, unknown: str, whose: str = "robot") 
         )
 
 
-class _Fit(NamedTuple):
-    """The least squares, before anything is said of how sure they are; rotations in rad and places in mm err by sds."""
+def _found(fit: Fit, then: Matched, late: Late | None) -> HandEye:
+    """Return what poses tell, with its covariance.
 
-    left: FloatArray
-    right: FloatArray
-    sds: FloatArray
-    design: FloatArray
-    residual: FloatArray
-    step: FloatArray
-    """The last one (27,), of which the drifts are."""
-    error: FloatArray
-    """(N, 6): what is left, rad and mm, at M's origin."""
-
-
-def _refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> _Fit:
-    """Return the least squares, by Gauss and Newton, from R from OTS ``left`` and M from TCP ``right``."""
-    sds = np.repeat(STARTING_SDS, 3)
-    for _ in range(ITERATIONS):
-        error = discrepancies(seen, driven, left, right)
-        design = _design(seen, right, sds)
-        step, freedom = least_squares(design, -error / sds, CONSTANTS)
-        residual = error / sds + design @ step
-        left, right = left @ _motion(step[:6]), right @ _motion(step[6:CONSTANTS])
-        error = residual * sds
-        freedom = np.maximum(freedom.reshape(2, 3).sum(axis=1), LEAST_FREEDOM)
-        spread = np.sqrt((error**2).sum(axis=0).reshape(2, 3).sum(axis=1) / freedom)
-        sds = np.repeat(np.maximum.reduce([spread, FINEST, LOPSIDED * spread[::-1] * (1e-3, 1e3)]), 3)
-    # noise is judged by what it leaves: what is missing of the least that poses are taken to err by has to be there
-    missing = np.sqrt(1 - (np.repeat(spread, 3) / sds) ** 2)
-    residual += missing * np.random.default_rng(0).normal(size=residual.shape)
-    return _Fit(left, right, sds, design, residual, step, error)
-
-
-def _found(fit: _Fit, seen: FloatArray, driven: FloatArray, frames: Sequence[int], late: Late | None) -> HandEye:
-    """Return what poses (N, 4, 4) tell, those ``seen`` and those ``driven`` in ``frames``, with its covariance.
-
-    Where the tracker's are ``late``, ``driven`` are as they were so much earlier, and all is linear about what fits
-    these: the way of half a frame, and the turn by which R is off for it, are not.
+    Where the tracker's are ``late``, the robot's of ``then`` are as they were so much earlier, and all is linear about
+    what fits these: the way of half a frame, and the turn by which R is off for it, are not.
     """
-    near = fit if late is None else _refine(seen, driven, fit.left, fit.right)
+    seen, driven, frames, _ = then
+    near = fit if late is None else refine(seen, driven, fit.left, fit.right)
     robot_from_m = driven @ invert(near.right)
     ots_from_m = invert(near.left) @ robot_from_m
     suspected = fields(ots_from_m, robot_from_m, driven, near.sds, frames)
@@ -223,35 +173,7 @@ def _found(fit: _Fit, seen: FloatArray, driven: FloatArray, frames: Sequence[int
     )
 
 
-def _motion(twist: FloatArray) -> FloatArray:
-    """Return the motion (4, 4) by a rotation vector in rad and a translation in mm (6,)."""
-    return rigid(exponential(twist[:3]), twist[3:])
-
-
-def _design(seen: FloatArray, right: FloatArray, sds: FloatArray) -> FloatArray:
-    """Return (N, 6, 27): how the discrepancies, in ``sds`` (6,), change with the unknowns.
-
-    These are right-hand increments of R from OTS and of M from TCP, then drifts over half the recording: of M's pose as
-    it is seen and of the tracker's own orientation (`IN_TRACKER`), and of M on the tool (`IN_TOOL`).
-    """
-    in_tool = _turned(seen.swapaxes(1, 2))
-    time = np.linspace(-1, 1, len(seen))[:, None, None]
-    levers = np.zeros((len(seen), 6, 3))
-    levers[:, 3:] = in_tool[:, :3, :3] @ cross_matrix(seen[:, :3, 3] - seen[:, :3, 3].mean(axis=0))
-    levers *= sds[0] / sds[3]
-    of_right = np.broadcast_to(adjoint(right), in_tool.shape)
-    constants = -np.concatenate([adjoint(invert(seen)), of_right], axis=2) / sds[:, None]
-    return np.concatenate([constants, time * in_tool, time * levers, time * np.eye(6)], axis=2)
-
-
-def _turned(poses: FloatArray) -> FloatArray:
-    """Return (N, 6, 6) that turn rotations and translations by the rotations of ``poses`` (N, 4, 4)."""
-    turned = np.zeros((len(poses), 6, 6))
-    turned[:, :3, :3] = turned[:, 3:, 3:] = poses[:, :3, :3]
-    return turned
-
-
-def _covariance(fit: _Fit, seen: FloatArray, of_fields: dict[Cause, FloatArray]) -> tuple[FloatArray, Suspicion]:
+def _covariance(fit: Fit, seen: FloatArray, of_fields: dict[Cause, FloatArray]) -> tuple[FloatArray, Suspicion]:
     """Return the covariance of the fit, on the right; noise and drift are in the tool's axes or in the tracker's.
 
     With it comes how likely errors are that depend on the robot's pose, which add ``of_fields`` (N, 6, s).
@@ -263,6 +185,6 @@ def _covariance(fit: _Fit, seen: FloatArray, of_fields: dict[Cause, FloatArray])
             drifts,
             fields={cause: axes @ field for cause, field in of_fields.items()},
         )
-        for axes, drifts in ((np.eye(6), IN_TOOL), (_turned(seen), IN_TRACKER))
+        for axes, drifts in ((np.eye(6), IN_TOOL), (turned(seen), IN_TRACKER))
     ]
     return least_squares_covariance(frames, fit.step, CONSTANTS)

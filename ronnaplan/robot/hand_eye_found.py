@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ronnaplan.pose import Pose
 from ronnaplan.robot.by_pose import UNSUSPECTED, Suspicion
-from ronnaplan.robot.hand_eye_refused import told_late
+from ronnaplan.robot.hand_eye_late import told_late
 from ronnaplan.robot.hand_eye_step import Step
 
 SWAPPED = 1.5

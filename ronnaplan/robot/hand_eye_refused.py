@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.by_pose_fields import moving
-from ronnaplan.robot.hand_eye_start import FEWEST_TO_SHIFT, MUCH_BETTER, closed_form, discrepancies, which_are_far
+from ronnaplan.robot.hand_eye_late import Late
+from ronnaplan.robot.hand_eye_start import closed_form, discrepancies, which_are_far
 from ronnaplan.robot.hand_eye_step import Step
 from ronnaplan.robot.misread import mistake_in
 
 LARGEST_ROTATION_DEG, LARGEST_TRANSLATION_MM = 3.0, 10.0
 """Poses of robot and tracker that are off by more (RMS) do not belong together: no tracker errs so much."""
-SAME_ANGLES_DEG = 0.5
-"""Poses of other moments are seldom off by less (RMS), a tracker's errors seldom by more."""
 LEFT_BY_A_DELAY = 0.5
 """A delay explains what is left where it leaves less than this share of it."""
+SAME_ANGLES_DEG = 0.5
+"""Poses of other moments are seldom off by less (RMS), a tracker's errors seldom by more."""
 
 
 def agree(error: FloatArray) -> bool:
@@ -34,35 +33,9 @@ def rms(error: FloatArray) -> tuple[float, float]:
     return float(np.degrees(angle)), float(length)
 
 
-class Late(NamedTuple):
-    """The tracker's poses are so many ``frames`` late, or the robot's if these are negative."""
-
-    frames: float
-    explains: bool
-    """Whether poses that contradict each other would agree then."""
-
-
-def late_by(error: FloatArray, design: FloatArray, robot_from_m: FloatArray, frames: Sequence[int]) -> Late | None:
-    """Return how late the tracker's poses are if that makes the ``error`` (N, 6) that is left much smaller.
-
-    ``design`` (N, 6, p) is how that changes with all else that is sought, which of a few poses leaves little of any.
-    """
-    if len(error) < FEWEST_TO_SHIFT:
-        return None
-    sds = np.repeat(np.sqrt((error.reshape(-1, 2, 3) ** 2).mean(axis=(0, 2))), 3)
-    late, unit = moving(robot_from_m, sds, frames)
-    columns = np.concatenate([design / sds[:, None], late], axis=2).reshape(error.size, -1)
-    solution = np.linalg.lstsq(columns, (error / sds).ravel(), rcond=None)[0]
-    left = error - (columns @ solution).reshape(error.shape) * sds
-    if np.sqrt(((left / sds) ** 2).mean()) > MUCH_BETTER:
-        return None
-    explains = agree(left) and max(np.divide(rms(left), rms(error))) < LEFT_BY_A_DELAY
-    return Late(float(solution[design.shape[2]] * unit), bool(explains))
-
-
-def told_late(frames: float) -> str:
-    """Say whose poses are late where the tracker's are by so many ``frames``."""
-    return f"{'the tracker' if frames > 0 else 'the robot'}'s poses are {abs(frames):.3f} frames late"
+def explains(late: Late, error: FloatArray) -> bool:
+    """Tell whether poses of which ``error`` (N, 6) is left would agree if they were not ``late``."""
+    return agree(late.error) and bool(np.less(np.divide(rms(late.error), rms(error)), LEFT_BY_A_DELAY).all())
 
 
 def _belong_together(seen: FloatArray, driven: FloatArray) -> bool:
@@ -89,9 +62,9 @@ def contradiction(
         f"{translation_mm:.2f} mm RMS, expected at most {LARGEST_ROTATION_DEG:g} and "
         f"{LARGEST_TRANSLATION_MM:g}"
     )
-    if late and late.explains:
+    if late and explains(late, error):
         advice = "record both at the same moments, or stand still for each"
-        return f"{said}, but would agree if {told_late(late.frames)}: {advice}"
+        return f"{said}, but would agree if {late.told}: {advice}"
     if far.any() and _belong_together(seen[~far], driven[~far]):
         which, advice = which_are_far(frames, np.flatnonzero(far).tolist())
         return f"{said}: {which}; {advice}"

@@ -69,6 +69,16 @@ def test_half_a_frame_of_delay_is_counted_in_the_base_as_it_is_and_makes_no_pose
     assert not found.far
 
 
+@pytest.mark.parametrize(("seed", "speed"), [(9, 0.25), (5, 0.4), (11, 0.4)])
+def test_two_frames_of_delay_are_told_anew_about_what_fits_then(seed: int, speed: float) -> None:
+    """M and R had up to 13 and 14, as 1.7 frames were told first, and poses from before the recording were far off."""
+    seen, driven, m_from_tcp, _ = along(seed, 60, 2.0, speed)
+    found = calibrate_hand_eye(seen, driven)
+    assert abs(found.by_pose.delay - 2.0) < 4 * found.by_pose.delay_sd < 0.03
+    assert normalized(found.m_from_tcp, m_from_tcp) < 3
+    assert not found.far
+
+
 def test_frames_numbered_by_times_tell_the_same_however_long_ago_time_began() -> None:
     """From 2^53 on successive numbers became one, and all was NaN or ended in a traceback."""
     driven = along(1, 22, 0.1)[1]

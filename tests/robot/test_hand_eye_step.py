@@ -5,7 +5,8 @@ import pytest
 
 from ronnaplan.errors import RefusedError
 from ronnaplan.pose import exponential, invert, rigid
-from ronnaplan.robot.hand_eye import _design, calibrate_hand_eye
+from ronnaplan.robot.hand_eye import calibrate_hand_eye
+from ronnaplan.robot.hand_eye_fit import design_of
 from ronnaplan.robot.hand_eye_start import closed_form, discrepancies
 from ronnaplan.robot.hand_eye_step import Step, step_in
 from tests.long import few_or_all
@@ -17,7 +18,7 @@ SLIPPED = rigid(exponential(np.radians([0.0, 1.0, 0.5])), np.array([2.0, 0, 2]))
 def step_of(seen: np.ndarray, driven: np.ndarray) -> Step | None:
     """The step that a calibration tells, without its covariance, which takes a hundred times as long."""
     left, right = closed_form(seen, driven)
-    return step_in(discrepancies(seen, driven, left, right), _design(seen, right, np.ones(6)))
+    return step_in(discrepancies(seen, driven, left, right), design_of(seen, right, np.ones(6)))
 
 
 @pytest.mark.parametrize("first", [6, 20, 35])
