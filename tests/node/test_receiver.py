@@ -66,7 +66,9 @@ def test_a_scan_that_a_scanner_sends_is_kept_as_it_is(node: Listening, tmp_path:
 
 def test_the_command_of_the_docs_sends_the_synthetic_scan(node: Listening) -> None:
     """In the compression of its files, which storescu does not propose by itself."""
-    (line,) = [one for one in Path("docs/node.md").read_text("utf-8").splitlines() if "  storescu " in one]
+    (line,) = [
+        one for one in Path("docs/node.md").read_text("utf-8").splitlines() if "  /usr/bin/storescu " in one
+    ]
     command = shlex.split(line.replace(" 11112 ", f" {node.port} "))
     done = subprocess.run([str(program("storescu")), *command[1:]], capture_output=True, timeout=120, check=False)
     assert (done.returncode, done.stderr) == (0, b"")
