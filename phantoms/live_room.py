@@ -12,6 +12,7 @@ import sys
 import time
 from argparse import ArgumentParser
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -72,10 +73,10 @@ class LiveRoom:
 
 
 def serve(listener: socket.socket, rooms: Iterable[tuple[LiveRoom, float]], *, in_real_time: bool) -> None:
-    """Send each room's messages for so many seconds to the first who connects, by the clock or at once."""
+    """Send each room's messages for so many seconds to the first who connects and stays, by the clock or at once."""
     connection, _ = listener.accept()
     start_s, frame = time.time(), 0
-    with connection:
+    with connection, suppress(ConnectionError):
         for room, lasting_s in rooms:
             for _ in range(round(lasting_s * RATE_HZ)):
                 if in_real_time:

@@ -266,5 +266,5 @@ PROTOCOLS: dict[str, tuple[str, Maker]] = {
 def draw(name: str, seed: int) -> Protocol:
     """Return the protocol called ``name`` with settings drawn from ``seed``; raises `PhantomError` with the names."""
     if name not in PROTOCOLS:
-        raise PhantomError(f"no protocol is called {name!r}; expected one of {', '.join(PROTOCOLS)}")
+        raise PhantomError(f"no protocol is called {name!r}; expected one of {'; '.join(PROTOCOLS)}")
     return PROTOCOLS[name][1](name, np.random.default_rng([seed, 20260202]))

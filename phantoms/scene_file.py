@@ -288,7 +288,8 @@ def _first(error: ValidationError) -> str:
     if fault["type"] == "json_invalid":  # made here: only levels beyond those that pydantic reads are wrong
         return "it is nested too deeply; expected a scene file"
     where = ".".join(str(step) for step in fault["loc"])
-    return f"{where}: {fault['msg'][0].lower()}{fault['msg'][1:]}; see docs/phantoms.md for what a scene may hold"
+    said = "no such key" if fault["type"] == "extra_forbidden" else f"{fault['msg'][0].lower()}{fault['msg'][1:]}"
+    return f"{where}: {said}; see docs/phantoms.md for what a scene may hold"
 
 
 def _nonzero(direction: Sequence[float]) -> FloatArray:

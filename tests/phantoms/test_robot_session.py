@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from pathlib import Path
 
 import pytest
@@ -34,3 +35,10 @@ def test_what_cannot_be_used_is_said_in_a_sentence(
         serves.main(arguments)  # type: ignore[attr-defined]
     assert ended.value.code == 2
     assert said in capsys.readouterr().err
+
+
+def test_a_listener_that_leaves_ends_the_session() -> None:
+    room = live_room.LiveRoom.of_case(Path(CASE))
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        socket.create_connection(listener.getsockname()).close()
+        live_room.serve(listener, [(room, 600.0)], in_real_time=False)
