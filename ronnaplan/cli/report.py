@@ -81,6 +81,7 @@ def _seen(case: Case) -> View | None:
     from ronnaplan.report.overview import view_of
 
     if case.volume is None:
+        warn("the scan is not at hand, so that the report shows and measures nothing in it; give it with --ct")
         return None
     try:
         return view_of(case)

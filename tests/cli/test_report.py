@@ -13,10 +13,11 @@ from ronnaplan.errors import InputError
 from tests import cases
 
 
-def test_a_case_becomes_a_page(tmp_path: Path) -> None:
+def test_a_case_becomes_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     cases.write_case(tmp_path)
     out = tmp_path / "report.html"
     assert main(["report", str(tmp_path), "-o", str(out)]) == 0
+    assert "the scan is not at hand, so that the report shows and measures nothing" in capsys.readouterr().err
     assert out.read_text().startswith("<!doctype html>")
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         *("fiducials.json", "plan.json", "registration.json", "report.html")
