@@ -147,12 +147,12 @@ def chance(value: float | None, digits: int = 3) -> str:
 
 
 def sizes(diameters_mm: Iterable[float]) -> str:
-    """Return the diameters that were looked for, for a sentence that says so.
+    """Return the diameters that were looked for, to the micrometre, for a sentence that says so.
 
-    >>> sizes([11.5]), sizes([8.0, 11.5])
-    ('11.5', '8 or 11.5')
+    >>> sizes([11.5]), sizes([8.0, 11.5]), sizes([5.740537])
+    ('11.5', '8 or 11.5', '5.741')
     """
-    return " or ".join(f"{diameter_mm:g}" for diameter_mm in diameters_mm)
+    return " or ".join(f"{round(diameter_mm, 3):g}" for diameter_mm in diameters_mm)
 
 
 def listed(names: Iterable[str], most: int = 10) -> str:

@@ -278,8 +278,8 @@ def _motion(found: Fiducials) -> list[str]:
             f"{others}; scan again, or test them with a --template"
         ]
     return [
-        f"motion between the markers' slices is in no image: {UNSEEN_MOTION_MM:g} mm per axis are assumed, "
-        "beside the stated errors; a --template tests it"
+        "motion: if the head moved between the slices of two markers, no image shows it; "
+        f"{UNSEEN_MOTION_MM:g} mm per axis are assumed, beside the stated errors; known distances (--template) test it"
     ]
 
 

@@ -23,6 +23,10 @@ def test_localize_prints_the_document_and_nothing_else(
     (found,) = json.loads(out)["fiducials"]
     assert np.linalg.norm(np.array(found["center"]) - [5.0, -4.0, 2.0]) < 0.05
     assert "1 marker of 11.5 mm" in err
+    assert (
+        "if the head moved between the slices of two markers, no image shows it; 0.3 mm per axis are assumed"
+        in err
+    )
 
 
 def test_localize_then_export(ct_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
