@@ -23,7 +23,7 @@ from ronnaplan.robot.by_pose_fields import apart, fields, shows_scale
 from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.hand_eye_fit import CONSTANTS, IN_TOOL, IN_TRACKER, Fit, design_of, motion, refine, turned
 from ronnaplan.robot.hand_eye_found import HandEye
-from ronnaplan.robot.hand_eye_late import Late, Matched, how_late, matched
+from ronnaplan.robot.hand_eye_late import Late, Matched, how_late
 from ronnaplan.robot.hand_eye_refused import agree, contradiction, rms
 from ronnaplan.robot.hand_eye_start import closed_form, discrepancies, far_off, out_of_step
 from ronnaplan.robot.hand_eye_step import step_in
@@ -65,11 +65,12 @@ def calibrate_hand_eye(
     left, right = closed_form(seen, driven)
     fit = refine(seen, driven, left, right)
     numbers = range(len(told)) if frames is None else [frames[one] for one in told]
-    late = how_late(fit, seen, driven, numbers)
-    then = matched(seen, driven, numbers, late.frames if late else 0.0)
+    at_once = Matched(seen, driven, numbers, np.arange(len(seen)))
+    late = how_late(fit, at_once)
+    then = late.poses if late else at_once
     far = np.zeros(len(seen), dtype=np.bool_)
     far[then.rows] = far_off(then.seen, then.driven)
-    start = closed_form(then.seen, then.driven)
+    start = closed_form(then.seen, then.driven) if late else (left, right)
     step = step_in(discrepancies(then.seen, then.driven, *start), design_of(then.seen, start[1], np.ones(6)))
     step = step and step._replace(first=int(then.rows[step.first]))
     if not agree(fit.error):
@@ -149,7 +150,7 @@ def _found(fit: Fit, then: Matched, late: Late | None) -> HandEye:
     what fits these: the way of half a frame, and the turn by which R is off for it, are not.
     """
     seen, driven, frames, _ = then
-    near = fit if late is None else refine(seen, driven, fit.left, fit.right)
+    near = late.fit if late else fit
     robot_from_m = driven @ invert(near.right)
     ots_from_m = invert(near.left) @ robot_from_m
     suspected = fields(ots_from_m, robot_from_m, driven, near.sds, frames)

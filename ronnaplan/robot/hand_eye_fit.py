@@ -79,6 +79,6 @@ def design_of(seen: FloatArray, right: FloatArray, sds: FloatArray) -> FloatArra
 
 def turned(poses: FloatArray) -> FloatArray:
     """Return (N, 6, 6) that turn rotations and translations by the rotations of ``poses`` (N, 4, 4)."""
-    turned = np.zeros((len(poses), 6, 6))
-    turned[:, :3, :3] = turned[:, 3:, 3:] = poses[:, :3, :3]
-    return turned
+    both = np.zeros((len(poses), 6, 6))
+    both[:, :3, :3] = both[:, 3:, 3:] = poses[:, :3, :3]
+    return both

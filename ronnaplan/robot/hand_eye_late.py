@@ -18,51 +18,49 @@ LATE_ROUNDS = 6
 """So often, at most, it is told how late poses are: 2 frames of a slow way are first taken for 1.74."""
 
 
-class Late(NamedTuple):
-    """The tracker's poses are so many ``frames`` late, or the robot's if these are negative."""
-
-    frames: float
-    error: FloatArray
-    """(N, 6): what is left, rad and mm, of poses that are so much apart."""
-
-    @property
-    def told(self) -> str:
-        """Say whose poses are late."""
-        return told_late(self.frames)
-
-
 class Matched(NamedTuple):
     """Poses of one moment: those ``seen`` and ``driven`` (N, 4, 4), their frames, and which of all poses they are."""
 
     seen: FloatArray
     driven: FloatArray
-    frames: list[int]
+    frames: Sequence[int]
     rows: NDArray[np.intp]
 
 
-def matched(seen: FloatArray, driven: FloatArray, frames: Sequence[int], late: float) -> Matched:
-    """Return the robot's poses of so much earlier as the tracker's are ``late``, where these are in the recording."""
-    rows = within(frames, late)
-    return Matched(seen[rows], earlier(driven, late, frames)[rows], [frames[row] for row in rows], rows)
+class Late(NamedTuple):
+    """The tracker's poses are so many ``frames`` late, or the robot's if these are negative."""
+
+    frames: float
+    poses: Matched
+    """The robot's are of so much earlier."""
+    fit: Fit
+    """Of these."""
 
 
-def how_late(fit: Fit, seen: FloatArray, driven: FloatArray, frames: Sequence[int]) -> Late | None:
-    """Return how late the tracker's poses are, if that leaves far less than the ``fit`` of poses of one moment does.
+def how_late(fit: Fit, poses: Matched) -> Late | None:
+    """Return how late the tracker's poses are, if that leaves far less than the ``fit`` of all ``poses`` as they are.
 
     It is told to first order about that fit, and then about the fit with the robot's poses of so much earlier, until no
     more is told; None, too, where that does not settle.
     """
-    late, near, then = 0.0, fit, Matched(seen, driven, list(frames), np.arange(len(seen)))
+    late, near, then = 0.0, fit, poses
     for _ in range(LATE_ROUNDS):
         if len(then.rows) < FEWEST_TO_SHIFT:
             return None
         more = _later(near, then)
         if more is None:
-            return Late(late, near.error) if late else None
+            return Late(late, then, near) if late else None
         late += more
-        then = matched(seen, driven, frames, late)
+        then = _matched(poses, late)
         near = refine(then.seen, then.driven, fit.left, fit.right)
     return None
+
+
+def _matched(poses: Matched, late: float) -> Matched:
+    """Return all ``poses`` with the robot's of so much earlier as the tracker's are late, where they were recorded."""
+    rows = within(poses.frames, late)
+    driven = earlier(poses.driven, late, poses.frames)
+    return Matched(poses.seen[rows], driven[rows], [poses.frames[row] for row in rows], rows)
 
 
 def told_late(frames: float) -> str:

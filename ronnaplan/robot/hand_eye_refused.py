@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.hand_eye_late import Late
+from ronnaplan.robot.hand_eye_late import Late, told_late
 from ronnaplan.robot.hand_eye_start import closed_form, discrepancies, which_are_far
 from ronnaplan.robot.hand_eye_step import Step
 from ronnaplan.robot.misread import mistake_in
@@ -35,7 +35,8 @@ def rms(error: FloatArray) -> tuple[float, float]:
 
 def explains(late: Late, error: FloatArray) -> bool:
     """Tell whether poses of which ``error`` (N, 6) is left would agree if they were not ``late``."""
-    return agree(late.error) and bool(np.less(np.divide(rms(late.error), rms(error)), LEFT_BY_A_DELAY).all())
+    left = late.fit.error
+    return agree(left) and bool(np.less(np.divide(rms(left), rms(error)), LEFT_BY_A_DELAY).all())
 
 
 def _belong_together(seen: FloatArray, driven: FloatArray) -> bool:
@@ -64,7 +65,7 @@ def contradiction(
     )
     if late and explains(late, error):
         advice = "record both at the same moments, or stand still for each"
-        return f"{said}, but would agree if {late.told}: {advice}"
+        return f"{said}, but would agree if {told_late(late.frames)}: {advice}"
     if far.any() and _belong_together(seen[~far], driven[~far]):
         which, advice = which_are_far(frames, np.flatnonzero(far).tolist())
         return f"{said}: {which}; {advice}"

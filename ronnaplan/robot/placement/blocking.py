@@ -25,7 +25,7 @@ from ronnaplan.robot.placement.clearances import (
 )
 from ronnaplan.robot.placement.distances import segment_box, segment_segment
 from ronnaplan.robot.placement.following import follow, settle
-from ronnaplan.robot.placement.machine import APART, Machine, frames_on, place_bodies
+from ronnaplan.robot.placement.machine import APART, Machine, frames_on, how_near, place_bodies
 from ronnaplan.robot.placement.search import Problem, base_pose
 from ronnaplan.robot.placement.tasks import Ways
 from ronnaplan.robot.placement.world import (
@@ -84,8 +84,7 @@ class Blocked:
             return f"{body} would meet {bodies[self.other]} {where}"
         if self.stage == COLLISION:
             other = bodies[self.other] if self.other >= 0 else ("the head", *things)[HEAD - self.other]
-            near = f"comes within {floor(self.margin)} mm of" if self.margin >= 0 else "would meet"
-            return f"{body} {near} {other} {where}; {clearance:g} mm are asked for"
+            return f"{body} {how_near(self.margin)} {other} {where}; {clearance:g} mm are asked for"
         return f"the tracker does not see the tool's marker by {np.degrees(view):g} degrees or more {where}"
 
 

@@ -14,7 +14,7 @@ from ronnaplan.pose import Pose, invert, transform_points
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.chain import R
 from ronnaplan.robot.placement.at_best import kept_at_best
-from ronnaplan.robot.placement.machine import clad, machine_of
+from ronnaplan.robot.placement.machine import body_names, machine_of
 from ronnaplan.robot.placement.room import Room
 from ronnaplan.robot.placement.search import Problem
 from ronnaplan.robot.placement.tasks import Fineness, Task, drill_task, view_task, ways_of
@@ -156,8 +156,7 @@ class Job:
     @property
     def body_names(self) -> tuple[str, ...]:
         """The names of the machine's bodies."""
-        of_links = clad(self.arm, self.room.arm_bodies).bodies
-        return (*(one.name for one in of_links), *(one.name for one in self.room.tool.bodies))
+        return body_names(self.arm, self.room)
 
     @property
     def thing_names(self) -> tuple[str, ...]:

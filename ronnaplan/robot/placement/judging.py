@@ -65,10 +65,11 @@ def judge_base(
     ``least``, ends the search; nothing above ``plenty`` is told apart. What one base teaches is kept for the next: the
     task that decided comes first in ``order`` (T,), and what served each is asked first (``chosen``).
     """
-    standing = _standing(machine, base)
+    trolley = place_trolley(machine, base)
     worth[:] = NOTHING
-    if not parked(world, standing.trolley):
+    if not parked(world, trolley):
         return -float(len(order)) - 1.0
+    standing = _standing(machine, base, trolley)
     worst, unserved, decides = plenty, 0, 0
     for place in range(len(order)):
         task = order[place]
@@ -102,10 +103,11 @@ def tasks_served(
     Where these are fewer than ``asked``, with none. Worths above ``enough`` are not told apart. ``order`` and
     ``chosen`` are kept as by `judge_base`.
     """
-    standing = _standing(machine, base)
+    trolley = place_trolley(machine, base)
     served[:] = False
-    if not parked(world, standing.trolley):
+    if not parked(world, trolley):
         return
+    standing = _standing(machine, base, trolley)
     spare = len(order) - asked
     for place in range(len(order)):
         task = order[place]
@@ -119,11 +121,10 @@ def tasks_served(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _standing(machine: Machine, base: FloatArray) -> Standing:
+def _standing(machine: Machine, base: FloatArray, trolley: FloatArray) -> Standing:
     inverse = np.zeros((4, 4))
     invert_into(inverse, base)
-    bodies = np.empty((len(machine.links) + 1, 7))
-    return Standing(inverse, place_trolley(machine, base), frames_on(machine, base), bodies)
+    return Standing(inverse, trolley, frames_on(machine, base), np.empty((len(machine.links) + 1, 7)))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -239,11 +240,10 @@ def worth_along(
             enough,
             True,
         )
-        if away < need or view < world.needs[VIEW_NEED]:
+        kept = worth_at_most(world, away if away < enough else np.inf, view)
+        if kept == NOTHING:
             return NOTHING
-        if away < enough:
-            left = min(left, soft(away, world.plenty[0]))
-        left = min(left, np.degrees(soft(view, world.plenty[1])))
+        left = min(left, kept)
         worth = min(so_far, left)
         if worth <= least:
             return NOTHING

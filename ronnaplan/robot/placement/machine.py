@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import floor
 from typing import NamedTuple
 
 import numpy as np
@@ -110,6 +111,16 @@ def bodies_of(arm: SerialArm, room: Room) -> tuple[NDArray[np.int64], FloatArray
     return np.array(links, dtype=np.int64), np.array(rows), len(of_links)
 
 
+def body_names(arm: SerialArm, room: Room) -> tuple[str, ...]:
+    """Return the names of all bodies, in the order of `bodies_of`."""
+    return (*(one.name for one in clad(arm, room.arm_bodies).bodies), *(one.name for one in room.tool.bodies))
+
+
+def how_near(apart_mm: float) -> str:
+    """Say how near one body comes to another, rounded down, so that it never looks as if it were enough."""
+    return f"comes within {floor(apart_mm)} mm of" if apart_mm >= 0.0 else "would meet"
+
+
 def clad(arm: SerialArm, told: Sequence[tuple[int, Capsule]]) -> SerialArm:
     """Return the arm with the bodies that a room has ``told`` of, with each link's number, or else with its own."""
     if not told:
@@ -135,19 +146,17 @@ def _require_apart(machine: Machine, arm: SerialArm, room: Room) -> None:
 
     What stands on the base is left out: how joint 1 stands to it is told by the tasks.
     """
-    of_arm, of_tool = clad(arm, room.arm_bodies).bodies, room.tool.bodies
-    names = [*(one.name for one in of_arm), *(one.name for one in of_tool)]
+    names = body_names(arm, room)
     frames = link_frames(arm, np.radians(room.reference_deg))
     placed = [_moved(frames[link], row) for link, row in zip(machine.links, machine.bodies, strict=True)]
     for k, j in np.argwhere((machine.kept[:-1] != FREE) & (machine.links > 0)).tolist():
         need = room.margins.clearance_mm if machine.kept[k, j] == CLEAR else 0.0
         apart = segment_segment(placed[k], placed[j]) - placed[k][6] - placed[j][6]
         if apart < need:
-            near = f"comes within {int(apart)} mm of" if apart >= 0.0 else "would meet"
             asked = f"{need:g} mm apart" if need else "apart"
             raise InputError(
-                f"in the posture reference_deg of the room {names[k]} {near} {names[j]}, so that no way leads from it; "
-                f"state a posture in which they are {asked}"
+                f"in the posture reference_deg of the room {names[k]} {how_near(apart)} {names[j]}, so that no way "
+                f"leads from it; state a posture in which they are {asked}"
             )
 
 

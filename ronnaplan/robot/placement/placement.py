@@ -191,9 +191,9 @@ def _other_entry(job: Job, task: Task, best: FloatArray) -> str:
         if works.any():
             start = ring[works.argmax()].starts_mm[0]
             inward = (target - start) / np.linalg.norm(target - start)
-            entry = transform_points(invert(job.room_from_ct), (start + job.room.tool.standoff_mm * inward)[None])[
-                0
-            ]
+            (entry,) = transform_points(
+                invert(job.room_from_ct), (start + job.room.tool.standoff_mm * inward)[None]
+            )
             place = ", ".join(f"{value:.1f}" for value in entry)
             return f"the nearest entry that works is turned by {turn:.0f} degrees about the target: ({place}) LPS"
     return f"no entry turned by up to {turns.max():.0f} degrees about the target works either"
