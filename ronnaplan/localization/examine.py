@@ -39,6 +39,8 @@ OF_THE_SHAPE = {"thickness", "coverage", "free", "roundness", "certainty"}
 SAME_PLACE = 0.5
 """Candidates nearer to each other than this share of the diameter are the same thing."""
 
+LEAST_TOGETHER = 3
+"""So many markers say together what none says alone."""
 
 UNKNOWN: Final = np.full((3, 3), np.nan)
 NOTHING_USUAL: Final = Usual()

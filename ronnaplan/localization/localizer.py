@@ -33,14 +33,13 @@ from ronnaplan.errors import InputError, RefusedError, UsageError, check_type
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import Examined, examine, examine_places, markers_in, same_places
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
-from ronnaplan.localization.judge.motion import LEAST_TOGETHER
 from ronnaplan.localization.judge.uncertainty import NEIGHBOUR_COVERAGE
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanner.summed import UNTOLD
 from ronnaplan.localization.scanwide.logarithm import as_summed
 from ronnaplan.localization.scanwide.moving import moved
 from ronnaplan.localization.scanwide.slant import along_the_blur
-from ronnaplan.localization.scanwide.stretched import distortion, markers_tell
+from ronnaplan.localization.scanwide.stretched import distortion
 from ronnaplan.localization.scanwide.thick import as_thick, as_thin
 from ronnaplan.localization.scanwide.together import sized, together
 from ronnaplan.localization.scanwide.usual import alike, by_the_usual, usual_profiles_mm
@@ -92,7 +91,8 @@ def localize(
     markers = _from_the_top(together(scan, sized([one for one in judged if one.is_marker], turned_down)))
     examined = [*turned_down, *judged]
     fiducials, rejected = _numbered(scan, markers), _rejected(examined, markers)
-    distorted, departure_mm = _distortion(scan, examined, markers, marker), None
+    distorted = distortion(scan, examined, markers, lambda other, wanted: examine_places(other, wanted, marker))
+    departure_mm = None
     if template is not None:
         fiducials, others, departure_mm = _by_template(template, fiducials, distorted)
         rejected = (*others, *rejected)
@@ -137,18 +137,6 @@ def _examined(
         examined = examine_places(scan, wanted, marker, progress)
     turned = along_the_blur(scan, examined, marker)
     return (scan, examined) if turned is scan else (turned, examine(turned, diameters, marker, progress))
-
-
-def _distortion(
-    scan: Scan, examined: Sequence[Examined], markers: Sequence[Examined], marker: Build
-) -> str | None:
-    """Say how the scan's geometry may be wrong: by markers, by candidates where these are few or of another size."""
-    told = markers_tell(scan, markers)
-    if told is not None:
-        return told
-    if len(markers) >= LEAST_TOGETHER and not all(one.is_off_size for one in markers):
-        return None
-    return distortion(scan, examined, lambda other, wanted: examine_places(other, wanted, marker))
 
 
 def _by_template(

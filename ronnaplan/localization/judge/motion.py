@@ -62,9 +62,6 @@ WORTH_A_LOOK = 1.0
 LEAST_LEFT = 0.1
 """A pattern of which less than this share is left beside the ball's own parameters says nothing."""
 
-LEAST_TOGETHER = 3
-"""So many markers say together what none says alone."""
-
 
 @dataclass(frozen=True)
 class Movement:

@@ -15,10 +15,9 @@ import numpy as np
 
 from ronnaplan.geometry import robust_spread
 from ronnaplan.localization.build import SOLID, Build
-from ronnaplan.localization.examine import Examined, distinct, fit_place
+from ronnaplan.localization.examine import LEAST_TOGETHER, Examined, distinct, fit_place
 from ronnaplan.localization.fit.descent import residuals_and_jacobian
 from ronnaplan.localization.fit.parameters import WIDTH
-from ronnaplan.localization.judge.motion import LEAST_TOGETHER
 from ronnaplan.localization.scanner.hardened import Head
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanner.summed import ALIKE_VOXELS, Summed, what_is_lost_hu

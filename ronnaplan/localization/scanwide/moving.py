@@ -16,9 +16,8 @@ from typing import Final
 import numpy as np
 
 from ronnaplan.geometry import SD_PER_DEVIATION, FloatArray
-from ronnaplan.localization.examine import Examined
+from ronnaplan.localization.examine import LEAST_TOGETHER, Examined
 from ronnaplan.localization.judge.motion import (
-    LEAST_TOGETHER,
     OF_SLICES,
     PATTERN_ERRORS_MM,
     PATTERNS,

@@ -16,9 +16,8 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build
-from ronnaplan.localization.examine import Examined, distinct, examine_places
+from ronnaplan.localization.examine import LEAST_TOGETHER, Examined, distinct, examine_places
 from ronnaplan.localization.fit.parameters import LEAST_SPREAD_MM2
-from ronnaplan.localization.judge.motion import LEAST_TOGETHER
 from ronnaplan.localization.scanner.scan import Scan, Slant
 from ronnaplan.localization.scanwide.usual import OF_THE_PROFILE
 

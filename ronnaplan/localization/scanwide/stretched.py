@@ -19,9 +19,8 @@ import numpy as np
 
 from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.examine import Examine, Examined, distinct
+from ronnaplan.localization.examine import LEAST_TOGETHER, Examine, Examined, distinct
 from ronnaplan.localization.fit.parameters import W
-from ronnaplan.localization.judge.motion import LEAST_TOGETHER
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanwide.ellipsoid import Ellipsoid, ellipsoid_at
 from ronnaplan.localization.scanwide.moving import MEDIAN_SPREAD
@@ -78,6 +77,16 @@ class Found:
     off: float
 
 
+def distortion(
+    scan: Scan, examined: Sequence[Examined], markers: Sequence[Examined], examine: Examine
+) -> str | None:
+    """Return how a scan's geometry may be wrong, by markers, or candidates where these are few or off; else None."""
+    told = markers_tell(scan, markers)
+    if told is None and (len(markers) < LEAST_TOGETHER or all(one.is_off_size for one in markers)):
+        told = _candidates_tell(scan, examined, examine)
+    return told
+
+
 def markers_tell(scan: Scan, markers: Sequence[Examined]) -> str | None:
     """Return how a scan's geometry may be wrong, by the ellipsoids that its ``markers`` are; None if nothing tells."""
     # What lies on a ball makes it another ellipsoid.
@@ -105,7 +114,7 @@ def _median_error(apart: FloatArray) -> float:
     return MEDIAN_SPREAD * math.sqrt(float(spread2.sum()) / (count + EGG_COUNT) / count)
 
 
-def distortion(scan: Scan, examined: Sequence[Examined], examine: Examine) -> str | None:
+def _candidates_tell(scan: Scan, examined: Sequence[Examined], examine: Examine) -> str | None:
     """Return how a scan's geometry may be wrong, by its candidates as they were ``examined``; None if nothing tells."""
     seen = [(one, ellipsoid_at(scan, one.center_mm, one.stated_mm / 2.0)) for one in examined]
     ellipsoids = _apart(

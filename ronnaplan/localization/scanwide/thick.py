@@ -19,9 +19,8 @@ from dataclasses import replace
 import numpy as np
 
 from ronnaplan.ct.volume import CTVolume
-from ronnaplan.localization.examine import Examine, Examined, distinct
+from ronnaplan.localization.examine import LEAST_TOGETHER, Examine, Examined, distinct
 from ronnaplan.localization.fit.parameters import WIDTH
-from ronnaplan.localization.judge.motion import LEAST_TOGETHER
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanwide.usual import OF_THE_PROFILE
 

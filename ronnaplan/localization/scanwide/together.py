@@ -10,9 +10,9 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray, robust_spread
 from ronnaplan.localization.build import SIZE_TOLERANCE_MM, is_off_size
-from ronnaplan.localization.examine import Examined, distinct, same_places
+from ronnaplan.localization.examine import LEAST_TOGETHER, Examined, distinct, same_places
 from ronnaplan.localization.fit.parameters import BLUR, EDGE, WIDTH, W, edge_variance_mm2
-from ronnaplan.localization.judge.motion import LEAST_TOGETHER, Movement
+from ronnaplan.localization.judge.motion import Movement
 from ronnaplan.localization.judge.uncertainty import ASIDE, MOST_ASIDE, WEIGHTS, WITHIN, by_panel, lag_mm
 from ronnaplan.localization.scanner.beat import DISPLACED_SHARE
 from ronnaplan.localization.scanner.scan import Scan

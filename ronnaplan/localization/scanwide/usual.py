@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build
-from ronnaplan.localization.examine import Examined, distinct, examine_place
+from ronnaplan.localization.examine import LEAST_TOGETHER, Examined, distinct, examine_place
 from ronnaplan.localization.fit.parameters import WIDTH, softness_mm2
 from ronnaplan.localization.judge.evidence import Usual
-from ronnaplan.localization.judge.motion import LEAST_TOGETHER
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.threads import single_threaded_algebra
 
