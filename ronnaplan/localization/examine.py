@@ -13,8 +13,8 @@ from ronnaplan.ct.progress import Progress, advancing
 from ronnaplan.geometry import FloatArray, first_apart
 from ronnaplan.localization.build import SOLID, Build, is_off_size
 from ronnaplan.localization.fit.ball_fit import BallFit
+from ronnaplan.localization.fit.depth import margin_mm
 from ronnaplan.localization.fit.descent import MAX_WANDER
-from ronnaplan.localization.fit.guess import margin_mm
 from ronnaplan.localization.fit.neighbourhood import gather
 from ronnaplan.localization.fit.parameters import CENTER, RADIUS, profile_fwhm_mm
 from ronnaplan.localization.fit.refine import fit_ball
@@ -26,11 +26,12 @@ from ronnaplan.localization.judge.motion import Movement
 from ronnaplan.localization.judge.noise import noise_level
 from ronnaplan.localization.judge.rim import without_the_rim
 from ronnaplan.localization.judge.uncertainty import by_excess, cramer_rao_bound
-from ronnaplan.localization.scanner.hardened import Head, without_the_head
+from ronnaplan.localization.scanner.hardened import MadeGood, without_the_head
 from ronnaplan.localization.scanner.scan import Scan
-from ronnaplan.localization.scanner.summed import what_is_lost_hu
+from ronnaplan.localization.scanner.summed import lost_to_summing_hu
 from ronnaplan.localization.search.detect import detect
-from ronnaplan.localization.search.look import surface_shares, unseen_share
+from ronnaplan.localization.search.look import surface_shares
+from ronnaplan.localization.search.nearest import unseen_share
 from ronnaplan.threads import in_threads, single_threaded_algebra
 
 OF_THE_SHAPE = {"thickness", "coverage", "free", "roundness", "certainty"}
@@ -176,50 +177,51 @@ def same_places(ones: Sequence[Examined], others: Sequence[Examined]) -> NDArray
 
 
 def fit_place(
-    scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build = SOLID, head: Head = Head.MADE_GOOD
+    scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build = SOLID, made_good: MadeGood = MadeGood.ALL
 ) -> BallFit:
     """Fit a ball of about ``diameter_mm`` at a place (3,) of the scan.
 
     Edges between slices tell a place to half their distance only, and a plate behind a ball draws its votes aside:
     a fit that moves away no farther, or by no more than its radius to where it shows a sphere, starts anew there.
-    What is made good of what a ``head`` does to its image can be told.
+    Of what a head does to its image is ``made_good`` what that says.
     """
-    fit = _fit(scan, center_mm, diameter_mm, build, head)
+    fit = _fit(scan, center_mm, diameter_mm, build, made_good)
     moved_mm, near_mm = float(np.linalg.norm(fit.theta[CENTER])), MAX_WANDER * diameter_mm / 2.0
     is_between = moved_mm <= near_mm + scan.gap_mm / 2.0 and scan.gap_mm > near_mm
     is_sphere = moved_mm <= diameter_mm / 2.0 and fit.verdict.round_share >= MIN_COVERAGE
     if moved_mm > near_mm and (is_between or is_sphere):
-        fit = _fit(scan, fit.center_mm, diameter_mm, build, head)
+        fit = _fit(scan, fit.center_mm, diameter_mm, build, made_good)
     return fit
 
 
-def _fit(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build, head: Head) -> BallFit:
+def _fit(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build, made_good: MadeGood) -> BallFit:
     # Rays do not run in slices that were computed aslant.
-    if scan.slant is not None or head is Head.LEFT:
-        return _fit_as_summed(scan, center_mm, diameter_mm, build, head)[0]
+    if scan.slant is not None or made_good is MadeGood.NOTHING:
+        return _fit_as_summed(scan, center_mm, diameter_mm, build, made_good)[0]
     # Each is handed over without a name here, so that none is held until the next is made.
     return without_the_rim(
         without_the_screw(
             scan.volume,
-            without_the_head(scan.volume, *_fit_as_summed(scan, center_mm, diameter_mm, build, head)),
+            without_the_head(scan.volume, *_fit_as_summed(scan, center_mm, diameter_mm, build, made_good)),
         ),
         diameter_mm,
     )
 
 
 def _fit_as_summed(
-    scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build, head: Head
-) -> tuple[BallFit, Head]:
+    scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build, made_good: MadeGood
+) -> tuple[BallFit, MadeGood]:
     """Fit a ball with what rays lose that were summed first made good; return it, and what is left to make good."""
     reach_mm = 0.625 * diameter_mm + max(build.layer_mm, 0.0) + margin_mm(scan.widest_mm)
     around = gather(scan.volume, center_mm, reach_mm, scan.axes)
     thickness_mm = float(scan.thickness_mm(center_mm))
     fit = fit_ball(around, diameter_mm, build, thickness_mm, scan.ceiling_hu)
     if not (scan.summed.first and fit.converged and not fit.is_clipped):
-        return fit, head
-    whole = fit.neighbourhood.given_back(what_is_lost_hu(scan.volume, fit), scan.ceiling_hu)
+        return fit, made_good
+    whole = fit.neighbourhood.given_back(lost_to_summing_hu(scan.volume, fit), scan.ceiling_hu)
     fit = fit_ball(whole, diameter_mm, build, thickness_mm, scan.ceiling_hu)
-    return fit, Head.BUT_ROWS if head is Head.MADE_GOOD else head  # all that rows add up was made good here
+    # All that rows add up is made good by that.
+    return fit, MadeGood.BUT_ROWS if made_good is MadeGood.ALL else made_good
 
 
 def examine_place(
@@ -236,7 +238,7 @@ def examine_place(
     Of one that is looked at ``for_its_size`` alone nobody asks how certain its center is, which what a head does to its
     image moves; its size hardly changes with that.
     """
-    fit = fit_place(scan, center_mm, diameter_mm, build, Head.LEFT if for_its_size else Head.MADE_GOOD)
+    fit = fit_place(scan, center_mm, diameter_mm, build, MadeGood.NOTHING if for_its_size else MadeGood.ALL)
     unseen = unseen_share(scan.volume, fit.center_mm, fit.diameter_mm / 2.0)
     thickness_mm = float(scan.thickness_mm(center_mm))
     gap_mm = scan.gap_across_mm(fit.center_mm, fit.diameter_mm / 2.0)

@@ -16,6 +16,9 @@ CELLS_PER_EDGE = 4
 
 CELL_COUNT = 6 * CELLS_PER_EDGE**2
 
+BACKGROUND_QUANTILE = 0.3
+"""The background is what this share of the directions reach at most: most markers are touched, some lie on skin."""
+
 _BOUNDS = tuple(math.tan((n / CELLS_PER_EDGE - 0.5) * math.pi / 2) for n in range(1, CELLS_PER_EDGE))
 """Tangents of the angles between the cells of an edge."""
 

@@ -18,8 +18,16 @@ REACH_BLURS, REACH_MM = 3.0, 0.5
 """The fit reaches so many times the blur and so much farther: beyond is what else is there, deep inside may be a metal
 insert."""
 
+TYPICAL_BLUR_MM = 0.5
+"""Where the search for the in-plane blur begins; CT kernels lie between 0.25 and 0.9 mm."""
+
 ROUNDED = 1.0 + 1e-9
 """Bounds are as much wider, so that rounding leaves nothing out."""
+
+
+def margin_mm(thickness_mm: float, sigma_mm: float = TYPICAL_BLUR_MM) -> float:
+    """How far beyond the ball's surface its blur can be seen."""
+    return 3.0 * sigma_mm + 0.6 * thickness_mm
 
 
 @njit(cache=True, nogil=True)

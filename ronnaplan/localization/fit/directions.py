@@ -17,7 +17,7 @@ from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.algebra import quantile
 from ronnaplan.localization.fit.ball import Discs, discs
-from ronnaplan.localization.fit.cells import CELL_COUNT, cell_directions, direction_cell
+from ronnaplan.localization.fit.cells import BACKGROUND_QUANTILE, CELL_COUNT, cell_directions, direction_cell
 from ronnaplan.localization.fit.depth import SURFACE_BLURS, depth_and_blur, reach_mm, squares_within_reach
 from ronnaplan.localization.fit.model import BLOCK, evaluate, has_skin, is_beyond_scale, shown_hu
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
@@ -51,9 +51,6 @@ INSERT_SHARE = 0.06
 VOID_SHARE = 0.2
 """Something deep inside that is fainter by this share of the contrast is a void, as moulding leaves one. It is more
 than for inserts: under a kernel that overshoots, a ball is fainter by a tenth beside its post than elsewhere."""
-
-BACKGROUND_QUANTILE = 0.3
-"""The background is what this share of the directions reach at most: most markers are touched, some lie on skin."""
 
 DARK_QUANTILE, MOST_HELD = 0.05, 0.4
 """The share of what is seen is asked no closer than streaks darken so many directions, as they brighten others, and

@@ -8,7 +8,7 @@ import numpy as np
 
 from ronnaplan.localization.fit.algebra import quantile
 from ronnaplan.localization.fit.cells import CELL_COUNT, direction_cells
-from ronnaplan.localization.fit.guess import TYPICAL_BLUR_MM
+from ronnaplan.localization.fit.depth import TYPICAL_BLUR_MM
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 
 AIR_QUANTILE, AIR_STEP_HU = 0.05, 600.0

@@ -9,9 +9,10 @@ import numpy as np
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build
 from ronnaplan.localization.fit.algebra import quantile
+from ronnaplan.localization.fit.cells import BACKGROUND_QUANTILE
+from ronnaplan.localization.fit.depth import TYPICAL_BLUR_MM
 from ronnaplan.localization.fit.descent import Prior
-from ronnaplan.localization.fit.directions import BACKGROUND_QUANTILE
-from ronnaplan.localization.fit.model import has_layer, has_streaks
+from ronnaplan.localization.fit.model import METAL_CONTRAST_HU, has_layer, has_streaks
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import (
     BLUR,
@@ -25,9 +26,6 @@ from ronnaplan.localization.fit.parameters import (
     STREAK_PARAMETERS,
     WIDTH,
 )
-
-TYPICAL_BLUR_MM = 0.5
-"""Where the search for the in-plane blur begins; CT kernels lie between 0.25 and 0.9 mm."""
 
 SHARP_BLUR_PIXELS = 1.5
 """Where pixels are so small that this many are less, it begins there as well: a photon counting detector's kernels, for
@@ -47,9 +45,6 @@ SHAPE_PRIOR = (1.0, 1.5)
 
 SLOPE_PRIOR_PER_MM = 0.01
 """Standard deviation of the background's slope, as a share of the contrast: streaks and cupping reach half of it."""
-
-METAL_CONTRAST_HU = 6000.0
-"""A ball with more contrast is metal and has streaks; the densest ceramics reach some 5000 HU."""
 
 LAYER_PRIOR = 0.5
 """Standard deviation of the level of a cavity or wrapping, as a share of the contrast."""
@@ -77,11 +72,6 @@ is off by this fraction of itself (a fifteenth) weighs as much as one voxel that
 
 CLIPPED_START = 2.0
 """Where the inside is clipped, the search for the true contrast begins at this many times the visible one."""
-
-
-def margin_mm(thickness_mm: float, sigma_mm: float = TYPICAL_BLUR_MM) -> float:
-    """How far beyond the ball's surface its blur can be seen."""
-    return 3.0 * sigma_mm + 0.6 * thickness_mm
 
 
 def first_guess(

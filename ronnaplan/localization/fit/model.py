@@ -42,6 +42,9 @@ SKIN_CURVATURE_PER_MM = 1.0 / 85.0
 """The skin falls away beside the ball like a sphere of a head's size. A ball of metal is 2 um off where the skin is
 fitted as if it were flat; a head of 70 instead of 100 mm makes 0.6 um."""
 
+METAL_CONTRAST_HU = 6000.0
+"""A ball with more contrast is metal and has streaks; the densest ceramics reach some 5000 HU."""
+
 BLOCK = 1016
 """So many voxels' derivatives stay in the processor's cache until they are summed up, in rows of an odd number of its
 lines, which do not displace each other."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build, is_off_size
 from ronnaplan.localization.fit.ball_fit import BallFit, fit_at
-from ronnaplan.localization.fit.depth import edge_depth, within_reach
+from ronnaplan.localization.fit.depth import edge_depth, margin_mm, within_reach
 from ronnaplan.localization.fit.descent import (
     BEGIN,
     FIRST_DAMPING,
@@ -29,7 +29,6 @@ from ronnaplan.localization.fit.descent import (
 )
 from ronnaplan.localization.fit.directions import Judged, Verdict, judge
 from ronnaplan.localization.fit.embedded import within_its_holder
-from ronnaplan.localization.fit.guess import margin_mm
 from ronnaplan.localization.fit.model import has_layer, shown_hu
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import BLUR, CENTER, CONTRAST, EDGE, RADIUS, WIDTH

@@ -19,13 +19,11 @@ from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.algebra import inverse
 from ronnaplan.localization.fit.ball_fit import BallFit
-from ronnaplan.localization.fit.cells import cell_directions
-from ronnaplan.localization.fit.guess import METAL_CONTRAST_HU, margin_mm
-from ronnaplan.localization.fit.model import has_layer
+from ronnaplan.localization.fit.model import METAL_CONTRAST_HU, has_layer
 from ronnaplan.localization.fit.parameters import CENTER, CONTRAST, RADIUS, WIDTH
+from ronnaplan.localization.judge.held import metal_beyond, touching
 from ronnaplan.localization.judge.part import HALF_A_BALL, fit_by_part, is_plain
 from ronnaplan.localization.judge.uncertainty import ADAPTED_SLICES, WEIGHTS, by_slices
-from ronnaplan.localization.search.look import metal_beyond
 
 LEAST_KEPT = 0.4
 """Slices that no screw crosses tell a center if they hold so much of the diameter, and `ADAPTED_SLICES` of a profile's
@@ -111,7 +109,7 @@ def is_beside_metal(volume: CTVolume, fit: BallFit) -> bool:
     turns = np.linspace(0.0, 2.0 * np.pi, AROUND, endpoint=False)
     within = np.delete(fit.neighbourhood.axes, _across(fit), axis=0)
     around = np.stack([np.cos(turns), np.sin(turns)], axis=-1) @ within
-    return bool(_metal_beyond(volume, fit, around)[1].any())
+    return bool(metal_beyond(volume, fit, around)[1].any())
 
 
 def _farther_mm(fit: BallFit, off_mm: FloatArray, clear_mm: FloatArray) -> FloatArray:
@@ -149,19 +147,13 @@ def _crossed_mm(volume: CTVolume, fit: BallFit) -> tuple[float, float] | None:
     Slices as they were measured: rays run across the patient's axis in coronal and sagittal pictures, too.
     """
     radius_mm, axes = float(fit.theta[RADIUS]), fit.neighbourhood.axes
-    metal_mm, _ = _metal_beyond(volume, fit, cell_directions()[fit.verdict.state == 0] @ axes)
+    metal_mm, _ = metal_beyond(volume, fit, touching(fit))
     if not len(metal_mm):
         return None
     heights_mm = metal_mm @ axes[_across(fit)]
     low_mm, high_mm = float(heights_mm.min()), float(heights_mm.max())
     beyond_mm = radius_mm + _beside_mm(volume, fit)
     return (low_mm, high_mm) if low_mm < beyond_mm and high_mm > -beyond_mm else None
-
-
-def _metal_beyond(volume: CTVolume, fit: BallFit, directions: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """`metal_beyond` in ``directions`` (N, 3) of a ball and its blur."""
-    clear_mm = float(fit.theta[RADIUS]) + margin_mm(float(fit.theta[WIDTH]), fit.sigma_mm)
-    return metal_beyond(volume, fit.center_mm, directions, clear_mm, fit.ceiling_hu)
 
 
 def _beside_mm(volume: CTVolume, fit: BallFit) -> float:

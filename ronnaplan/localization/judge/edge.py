@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.algebra import inverse, quantile
 from ronnaplan.localization.fit.ball_fit import BallFit
-from ronnaplan.localization.fit.cells import cell_directions, cell_means, direction_cells
+from ronnaplan.localization.fit.cells import BACKGROUND_QUANTILE, cell_directions, cell_means, direction_cells
 from ronnaplan.localization.fit.depth import deep_inside, edge_depth, within_reach
 from ronnaplan.localization.fit.descent import residuals_and_jacobian
-from ronnaplan.localization.fit.directions import BACKGROUND_QUANTILE, near_any, unlike_inside
+from ronnaplan.localization.fit.directions import near_any, unlike_inside
 from ronnaplan.localization.fit.parameters import (
     CENTER,
     LEAST_SPREAD_MM2,

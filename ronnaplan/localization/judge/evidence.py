@@ -12,12 +12,10 @@ from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import SIZE_TOLERANCE_MM
 from ronnaplan.localization.fit.ball_fit import BallFit
-from ronnaplan.localization.fit.cells import cell_directions
 from ronnaplan.localization.fit.directions import Verdict
-from ronnaplan.localization.fit.guess import margin_mm
-from ronnaplan.localization.fit.parameters import WIDTH
 from ronnaplan.localization.judge.crossed import is_beside_metal, untold_mm2
 from ronnaplan.localization.judge.edge import Edge
+from ronnaplan.localization.judge.held import held_by, touching
 from ronnaplan.localization.judge.motion import Movement, movement
 from ronnaplan.localization.judge.uncertainty import (
     center_covariance,
@@ -27,7 +25,6 @@ from ronnaplan.localization.judge.uncertainty import (
     pulled_mm2,
     streaked_mm2,
 )
-from ronnaplan.localization.search.look import held_by
 
 RAGGED, ALIKE_MISFIT = 0.03, 1.25
 """Where a scan's balls misfit usually by more than the first share of the contrast, the scan makes them ragged. There,
@@ -87,9 +84,7 @@ class Evidence:
     def covariance_mm2(self) -> FloatArray:
         """Covariance (3, 3) of the center in LPS."""
         fit = self.fit
-        left_out = cell_directions()[fit.verdict.state == 0] @ fit.neighbourhood.axes
-        clear_mm = fit.diameter_mm / 2.0 + margin_mm(float(fit.theta[WIDTH]), fit.sigma_mm)
-        axis, is_metal = held_by(self.volume, fit.center_mm, left_out, clear_mm, fit.ceiling_hu)
+        axis, is_metal = held_by(self.volume, fit, touching(fit))
         pull_mm2 = pulled_mm2(fit, axis, is_metal=is_metal or fit.may_be_metal)
         pull_mm2 = pull_mm2 + untold_mm2(self.volume, fit) + near_faces_mm2(fit)
         pull_mm2 = pull_mm2 + lagging_mm2(fit.theta, lag_mm(self.volume.grid), fit.neighbourhood.axes)

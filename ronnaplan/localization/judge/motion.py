@@ -27,8 +27,7 @@ from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.model import BLOCK
 from ronnaplan.localization.fit.parameters import BACKGROUND, CENTER, RADIUS, WIDTH, U, V, W
 from ronnaplan.localization.judge.edge import Edge
-from ronnaplan.localization.judge.turn import ACROSS as ACROSS_SLICES
-from ronnaplan.localization.judge.turn import FIFTH, THIRD, streaks
+from ronnaplan.localization.judge.turn import ACROSS_SLICES, FIFTH, THIRD, streaks
 
 SECTORS = 8
 """Each slice is cut into so many sectors, whose residuals are taken to be independent."""

@@ -9,13 +9,11 @@ from ronnaplan.localization.fit.ball_fit import BallFit, fit_at
 from ronnaplan.localization.fit.descent import descend
 from ronnaplan.localization.fit.model import has_layer
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
+from ronnaplan.localization.fit.refine import LEAST_VOXELS
 
 HALF_A_BALL = 1.5
 """A part of a ball tells its center less well than its residuals say: by so much for a soft and a sharp kernel (113
 balls of glass and plastic on screws)."""
-
-LEAST_VOXELS = 3
-"""A part has so many voxels for each parameter at least."""
 
 
 def is_plain(fit: BallFit) -> bool:

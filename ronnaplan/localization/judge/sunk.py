@@ -15,7 +15,7 @@ from ronnaplan.localization.fit.cells import cell_directions
 from ronnaplan.localization.fit.directions import ATTACHED_SHARE
 from ronnaplan.localization.fit.parameters import BACKGROUND, RADIUS
 from ronnaplan.localization.fit.skin import face_hu
-from ronnaplan.localization.search.look import sample_nearest
+from ronnaplan.localization.search.nearest import sample_nearest
 
 CLEAR_MM = 1.5
 """A face is looked for so far below where it seems to cut the ball, and so far beside the ball: clear of the blur."""

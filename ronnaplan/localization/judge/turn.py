@@ -24,7 +24,7 @@ from ronnaplan.localization.fit.parameters import BACKGROUND, CENTER, LAYER_PARA
 HEIGHTS, RADII = 16, 40
 """The streaks are worked out at so many heights above the center and distances from the axis."""
 
-THIRD, FIFTH, ACROSS = range(3)
+THIRD, FIFTH, ACROSS_SLICES = range(3)
 """Streaks of the third and the fifth harmonic within the slices, and of the second across them."""
 
 
@@ -53,7 +53,7 @@ def _table(ball: FloatArray, by_w: FloatArray, radii: FloatArray) -> FloatArray:
         fifth = (24.0 * (mean - fourth) - 12.0 * (mean - ball)) / radii
         across = -_within(by_w, radii, 2)
     table = np.stack([third, fifth, across], axis=-1)
-    table[:, 0, :ACROSS], table[:, 0, ACROSS] = 0.0, -by_w[:, 0]
+    table[:, 0, :ACROSS_SLICES], table[:, 0, ACROSS_SLICES] = 0.0, -by_w[:, 0]
     return table
 
 
@@ -77,5 +77,5 @@ def _looked_up(table: FloatArray, height_step: float, radius_step: float, offset
             high = table[i + 1, j, p] + b * (table[i + 1, j + 1, p] - table[i + 1, j, p])
             found[n, p] = low + a * (high - low)
         if offsets[n, W] < 0.0:
-            found[n, ACROSS] = -found[n, ACROSS]
+            found[n, ACROSS_SLICES] = -found[n, ACROSS_SLICES]
     return found

@@ -133,7 +133,7 @@ def center_covariance(
 
 
 def pulled_mm2(fit: BallFit, axis: FloatArray, *, is_metal: bool) -> FloatArray:
-    """Covariance (3, 3) in LPS, mm^2, by what holds a ball in the direction ``axis`` (3,) of `look.held_by`.
+    """Covariance (3, 3) in LPS, mm^2, by what holds a ball in the direction ``axis`` (3,) of `held.held_by`.
 
     ``is_metal`` says whether that is metal, or may be the ball itself.
     """

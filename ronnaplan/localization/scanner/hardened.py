@@ -36,8 +36,8 @@ from ronnaplan.localization.scanner.summed import (
     WATER_PER_MM,
     chord_losses,
     kernel_passed,
+    lost_to_summing_hu,
     profile_seen,
-    what_is_lost_hu,
 )
 
 HARDENED_PER_HU = 4e-5
@@ -66,28 +66,28 @@ FREQUENCIES = 160
 """So many tell what the kernel passes."""
 
 
-class Head(Enum):
-    """What a head does to the image of a ball beside it: made good, but for what rows add up, or left as it is."""
+class MadeGood(Enum):
+    """What is made good of what a head does to the image of a ball: all, all but what rows add up, or nothing."""
 
-    MADE_GOOD = "made good"
-    BUT_ROWS = "but rows"
-    LEFT = "left"
+    ALL = "all"
+    BUT_ROWS = "all but rows"
+    NOTHING = "nothing"
 
 
-def without_the_head(volume: CTVolume, fit: BallFit, head: Head) -> BallFit:
-    """Return the fit of a ball with what the ``head`` does to its image made good; as it is, where that is not known.
+def without_the_head(volume: CTVolume, fit: BallFit, wanted: MadeGood) -> BallFit:
+    """Return the fit of a ball with what a head does to its image made good, as far as ``wanted``.
 
-    That is so of balls whose contrast the scale's end hides, and of metal or wrapped ones: other things bend their
-    image, too. What is clipped has been looked for as if it were metal. The contrast does not slope then
-    (`fit.shading`), for why it does is given back.
+    As it is, where that is not known: of balls whose contrast the scale's end hides, and of metal or wrapped ones, as
+    other things bend their image, too. What is clipped has been looked for as if it were metal. The contrast does not
+    slope then (`fit.shading`), for why it does is given back.
     """
-    if head is Head.LEFT or fit.may_be_metal or fit.prior.layer_mm > 0.0:
+    if wanted is MadeGood.NOTHING or fit.may_be_metal or fit.prior.layer_mm > 0.0:
         return fit
     seen, before_mm, share = fit.neighbourhood, fit.center_mm, 0.0
     beside = all_beside(volume, fit)
     if beside.losses.max() < LEAST_LOSS:
         return fit
-    rows_hu = rows_lost_hu(volume, fit) if head is Head.MADE_GOOD else np.zeros(len(seen.values_hu))
+    rows_hu = lost_to_rows_hu(volume, fit) if wanted is MadeGood.ALL else np.zeros(len(seen.values_hu))
     for _ in range(ROUNDS):
         before = share
         whole_hu, share = _lost_hu(beside, fit, rows_hu, before)
@@ -107,10 +107,10 @@ def _lost_hu(beside: Beside, fit: BallFit, rows_hu: FloatArray, before: float) -
     return rows_hu - share * hardened_hu - APERTURE_MM2 * pulled_hu, share
 
 
-def rows_lost_hu(volume: CTVolume, fit: BallFit) -> FloatArray:
+def lost_to_rows_hu(volume: CTVolume, fit: BallFit) -> FloatArray:
     """HU (N,) by which the voxels of a ball's fit are darker as each row of the detector adds up over its height."""
     share = min(ROW_MM2 / (float(fit.theta[WIDTH]) ** 2 / 12.0), 1.0)
-    return share * what_is_lost_hu(volume, fit)
+    return share * lost_to_summing_hu(volume, fit)
 
 
 def _share(fit: BallFit, hardened_hu: FloatArray, before: float) -> float:

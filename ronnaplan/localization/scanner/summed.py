@@ -106,7 +106,7 @@ def lost_hu(around: Neighbourhood, theta: FloatArray, slope_per_mm: float, layer
     )
 
 
-def what_is_lost_hu(volume: CTVolume, fit: BallFit) -> FloatArray:
+def lost_to_summing_hu(volume: CTVolume, fit: BallFit) -> FloatArray:
     """HU (N,) by which the voxels of a ball's fit are darker where rays were summed first."""
     slope_per_mm = slope_beside_per_mm(volume, fit.center_mm, fit.diameter_mm / 2.0)
     return lost_hu(fit.neighbourhood, fit.theta, slope_per_mm, fit.prior.layer_mm)

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from ronnaplan.ct.sampling import sampled
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.fit.cells import CELL_COUNT, cell_directions
-from ronnaplan.localization.fit.directions import BACKGROUND_QUANTILE
+from ronnaplan.localization.fit.cells import BACKGROUND_QUANTILE, CELL_COUNT, cell_directions
 from ronnaplan.localization.scanner.scan import Scan
 
 REACH, STEP = 2.6, 0.1

@@ -18,9 +18,9 @@ from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import LEAST_TOGETHER, Examined, distinct, fit_place
 from ronnaplan.localization.fit.descent import residuals_and_jacobian
 from ronnaplan.localization.fit.parameters import WIDTH
-from ronnaplan.localization.scanner.hardened import Head
+from ronnaplan.localization.scanner.hardened import MadeGood
 from ronnaplan.localization.scanner.scan import Scan
-from ronnaplan.localization.scanner.summed import ALIKE_VOXELS, Summed, what_is_lost_hu
+from ronnaplan.localization.scanner.summed import ALIKE_VOXELS, Summed, lost_to_summing_hu
 from ronnaplan.threads import in_threads, single_threaded_algebra
 
 THICK_MM = 1.2
@@ -75,13 +75,13 @@ def _asked(examined: Sequence[Examined], build: Build) -> list[Examined]:
 
 def told_by(scan: Scan, one: Examined) -> Told | None:
     """Ask a ball how much of what summing first would take of it is in the residuals of its fit."""
-    fit = fit_place(scan, one.center_mm, one.stated_mm, head=Head.BUT_ROWS)
+    fit = fit_place(scan, one.center_mm, one.stated_mm, made_good=MadeGood.BUT_ROWS)
     if not fit.converged or fit.is_clipped:
         return None
     residuals_hu, jacobian = residuals_and_jacobian(
         fit.neighbourhood, fit.theta, fit.prior.layer_mm, fit.ceiling_hu
     )
-    seen = np.column_stack([what_is_lost_hu(scan.volume, fit), residuals_hu])[fit.used]
+    seen = np.column_stack([lost_to_summing_hu(scan.volume, fit), residuals_hu])[fit.used]
     by_other_balls = jacobian[fit.used]
     # The model is all but linear in so little; a second fit would leave other directions out, which changes more.
     lost, rest = (seen - by_other_balls @ np.linalg.lstsq(by_other_balls, seen)[0]).T

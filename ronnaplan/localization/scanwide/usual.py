@@ -43,7 +43,7 @@ OF_THE_PROFILE = {"thickness"}
 
 
 @dataclass(frozen=True)
-class Shown:
+class UsualInScan:
     """The balls of a scan, which tell what is usual at any height, and how much wider than nominal profiles may be."""
 
     balls: Sequence[Examined]
@@ -59,7 +59,7 @@ class Shown:
         return Usual(usual_misfit(nearest), self.broadening_mm, _usual_diameter_mm(nearest, one.stated_mm))
 
 
-def usual_of(examined: Sequence[Examined]) -> Shown:
+def usual_of(examined: Sequence[Examined]) -> UsualInScan:
     """Return what is usual in a scan; nothing where too few balls tell.
 
     Balls whose slice profile alone is too wide for the header tell, too, where all balls of the scan show the same.
@@ -71,8 +71,8 @@ def usual_of(examined: Sequence[Examined]) -> Shown:
         same = [one for one, is_off in zip(balls, off, strict=True) if not is_off]
         is_the_scans = not any(one.is_marker and is_off for one, is_off in zip(balls, off, strict=True))
         if len(same) >= LEAST_TOGETHER and is_the_scans:
-            return Shown(same, _broadening_mm(balls) + ALIKE_MM)
-    return Shown(markers)
+            return UsualInScan(same, _broadening_mm(balls) + ALIKE_MM)
+    return UsualInScan(markers)
 
 
 def by_the_usual(parts: Sequence[tuple[Scan, Sequence[Examined]]], build: Build) -> list[list[Examined]]:
@@ -92,7 +92,7 @@ def by_the_usual(parts: Sequence[tuple[Scan, Sequence[Examined]]], build: Build)
     return judged
 
 
-def judged_again(scan: Scan, one: Examined, build: Build, shown: Shown) -> Examined:
+def judged_again(scan: Scan, one: Examined, build: Build, shown: UsualInScan) -> Examined:
     """Judge one place by what is usual about it, if it was turned down for nothing else."""
     if not one.failures or not one.failed <= OF_THE_SURFACE | OF_THE_PROFILE:
         return one

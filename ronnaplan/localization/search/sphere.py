@@ -11,9 +11,8 @@ from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build
 from ronnaplan.localization.fit.algebra import quantile, solve
-from ronnaplan.localization.fit.cells import cell_directions
-from ronnaplan.localization.fit.directions import BACKGROUND_QUANTILE
-from ronnaplan.localization.search.look import Lookup, fill_nearest, lookup_of
+from ronnaplan.localization.fit.cells import BACKGROUND_QUANTILE, cell_directions
+from ronnaplan.localization.search.nearest import Lookup, fill_nearest, lookup_of
 from ronnaplan.threads import in_parts
 
 LEAST_SHOWN = 0.6

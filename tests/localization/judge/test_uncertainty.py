@@ -21,6 +21,7 @@ from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.parameters import BLUR, RADIUS, SHAPE, WIDTH, profile_half_mm
 from ronnaplan.localization.judge import uncertainty
 from ronnaplan.localization.judge.edge import Edge
+from ronnaplan.localization.judge.held import held_by
 from ronnaplan.localization.judge.motion import movement
 from ronnaplan.localization.judge.noise import noise_level
 from ronnaplan.localization.judge.uncertainty import (
@@ -39,7 +40,6 @@ from ronnaplan.localization.judge.uncertainty import (
 )
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanwide.together import MEDIAN_SHARE, usual_odd_mm2, with_usual
-from ronnaplan.localization.search.look import held_by
 from tests.long import few_and_others, few_or_all
 from tests.scans import balls, bent, scan, small_stack
 
@@ -309,9 +309,10 @@ def test_a_screw_is_known_where_the_scale_ends_below_metal() -> None:
 def test_what_holds_a_ball_is_sought_where_something_touches_it() -> None:
     place_mm, up = (1.0, 2.0, 3.0), np.array([[0.0, 0.0, 1.0]])
     screwed = scan(SCREW + balls([place_mm]), small_stack(), seed=2)
+    fit = fit_of(screwed)
 
     def held(touching: FloatArray) -> tuple[list[float], bool]:
-        axis, is_metal = held_by(screwed, np.array(place_mm), touching, 5.75, math.inf)
+        axis, is_metal = held_by(screwed, fit, touching)
         return axis.tolist(), is_metal
 
     many_up = np.repeat(up, 6, axis=0)

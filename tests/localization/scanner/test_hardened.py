@@ -17,7 +17,7 @@ from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.model import has_streaks
 from ronnaplan.localization.fit.parameters import W
 from ronnaplan.localization.scanner.beside import Beside, all_beside
-from ronnaplan.localization.scanner.hardened import APERTURE_MM2, ROW_MM2, Head, pictures_hu
+from ronnaplan.localization.scanner.hardened import APERTURE_MM2, ROW_MM2, MadeGood, pictures_hu
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanner.summed import WATER_PER_MM
 
@@ -140,7 +140,7 @@ def by_one_energy() -> CTVolume:
     return scanned(3.0 * ONE_ENERGY, ONE_ENERGY, float(np.sqrt(12.0 * APERTURE_MM2)), post_mm=0.0)
 
 
-def fitted(volume: CTVolume, head: Head = Head.MADE_GOOD, build: Build = SOLID) -> BallFit:
+def fitted(volume: CTVolume, head: MadeGood = MadeGood.ALL, build: Build = SOLID) -> BallFit:
     fit = fit_place(Scan(volume), CENTER_MM + np.array([0.1, -0.1, 0.05]), 2.0 * RADIUS_MM, build, head)
     assert fit.converged
     return fit
@@ -148,7 +148,7 @@ def fitted(volume: CTVolume, head: Head = Head.MADE_GOOD, build: Build = SOLID) 
 
 def untouched(volume: CTVolume) -> BallFit:
     """The fit without what is made good."""
-    return fitted(volume, Head.LEFT)
+    return fitted(volume, MadeGood.NOTHING)
 
 
 def pulled_mm(fit: BallFit) -> float:
@@ -176,7 +176,7 @@ def test_a_hollow_ball_is_seen_as_round_as_it_is_beside_a_head_that_hardens_its_
         heights_mm=np.linspace(-5.6, 5.6, 9),
     )
     hollow = Build.parse(f"shell:{WALL_MM:g}")
-    before, after = fitted(volume, Head.LEFT, hollow), fitted(volume, build=hollow)
+    before, after = fitted(volume, MadeGood.NOTHING, hollow), fitted(volume, build=hollow)
     assert before.misfit > 0.008
     assert after.misfit < 0.25 * before.misfit
     assert abs(pulled_mm(after)) < 0.001

@@ -145,5 +145,5 @@ def test_a_fit_that_leaves_nothing_over_tells_nothing(monkeypatch: pytest.Monkey
 def test_a_ball_of_which_summing_takes_nothing_tells_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     thick = Scan(scan(balls([(1.0, 2.0, 3.0)]), small_stack(spacing_mm=2.0, thickness_mm=2.0)))
     one = examine_place(thick, np.array([1.0, 2.0, 3.0]), 11.5, SOLID)
-    monkeypatch.setattr(logarithm, "what_is_lost_hu", lambda scan, fit: np.zeros(len(fit.used)))
+    monkeypatch.setattr(logarithm, "lost_to_summing_hu", lambda scan, fit: np.zeros(len(fit.used)))
     assert told_by(thick, one) is None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ronnaplan.localization.build import SOLID
-from ronnaplan.localization.fit.directions import BACKGROUND_QUANTILE
+from ronnaplan.localization.fit.cells import BACKGROUND_QUANTILE
 from ronnaplan.localization.search.detect import MIN_CONTRAST_HU
 from ronnaplan.localization.search.look import _share, surface_shares
 from tests.scans import balls, scan, small_stack

@@ -1,0 +1,98 @@
+"""What holds a ball, a post or a screw: sought in nearest voxels, beyond what touches it."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kernelcache import njit
+from ronnaplan.bounds import METAL_HU
+from ronnaplan.ct.volume import CTVolume, Voxels
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.fit.ball_fit import BallFit
+from ronnaplan.localization.fit.cells import CELL_COUNT, cell_directions
+from ronnaplan.localization.fit.depth import margin_mm
+from ronnaplan.localization.fit.parameters import RADIUS, WIDTH
+from ronnaplan.localization.search.nearest import fill_nearest, lookup_of
+
+SCREW_REACH_MM, SCREW_MM, SCREW_STEP_MM = 25.0, 2.0, 0.5
+"""A screw is looked for so far beyond the ball, so far beside each direction in every way, in these steps."""
+
+LEAST_HELD = 0.05
+"""What touches fewer of a ball's directions than this share does not hold it: noise leaves out single ones."""
+
+
+def touching(fit: BallFit) -> FloatArray:
+    """Directions (N, 3) in LPS in which something touches a ball."""
+    directions: FloatArray = cell_directions()[fit.verdict.state == 0] @ fit.neighbourhood.axes
+    return directions
+
+
+def held_by(volume: CTVolume, fit: BallFit, touching: FloatArray) -> tuple[FloatArray, bool]:
+    """Return the unit vector (3,) in LPS towards what holds a ball, and whether there is metal in it.
+
+    It is the mean of those directions ``touching`` (N, 3) it in which metal lies, or else of all of them; zero where
+    these are too few.
+    """
+    _, of_metal = metal_beyond(volume, fit, touching)
+    is_metal = bool(of_metal.any())
+    toward = touching[of_metal if is_metal else slice(None)].sum(axis=0)
+    length = float(np.linalg.norm(toward))
+    holds = length > 0.0 if is_metal else length > LEAST_HELD * CELL_COUNT
+    axis: FloatArray = toward / length if holds else np.zeros(3)
+    return axis, is_metal
+
+
+def metal_beyond(volume: CTVolume, fit: BallFit, directions: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return where metal lies (K, 3), from a ball's center, in some ``directions`` (N, 3) beyond it, and in which.
+
+    What lies nearer is the ball, or its blur. Where the scale ends below metal, what reaches its end may be metal.
+    """
+    clear_mm = float(fit.theta[RADIUS]) + margin_mm(float(fit.theta[WIDTH]), fit.sigma_mm)
+    axes, least_hu = volume.grid.axes, min(METAL_HU, fit.ceiling_hu)
+    along = clear_mm + np.arange(0.0, SCREW_REACH_MM, SCREW_STEP_MM)
+    beside = SCREW_MM * np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=3)))
+    towards, beside = (np.ascontiguousarray(some @ axes.T) for some in (directions, beside))
+    places, of_metal = _metal_beyond(
+        axes @ fit.center_mm, towards, along, beside, clear_mm, least_hu, *lookup_of(volume)
+    )
+    return places @ axes, of_metal
+
+
+@njit(cache=True, nogil=True)
+def _metal_beyond(
+    place: FloatArray,
+    towards: FloatArray,
+    along: FloatArray,
+    beside: FloatArray,
+    clear: float,
+    least: float,
+    voxels: Voxels,
+    origins: FloatArray,
+    steps: FloatArray,
+    padding: float,
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return offsets (K, 3) from a place with ``least`` HU, and whether any (N,) lies ``towards`` (N, 3) it.
+
+    They are looked for ``along`` each of them, in mm, and ``beside`` (M, 3) that, farther than ``clear`` away.
+    """
+    room = len(along) * len(beside)
+    found, of_metal = np.empty((len(towards) * room, 3)), np.zeros(len(towards), dtype=np.bool_)
+    apart, values, total = np.empty((room, 3)), np.empty(room), 0
+    for n in range(len(towards)):
+        count = 0
+        for far in along:
+            for b in range(len(beside)):
+                square = 0.0
+                for a in range(3):
+                    apart[count, a] = far * towards[n, a] + beside[b, a]
+                    square += apart[count, a] ** 2
+                count += square > clear * clear
+        fill_nearest(place, apart[:count], voxels, origins, steps, padding, values[:count])
+        for m in range(count):
+            if values[m] >= least:
+                found[total], of_metal[n] = apart[m], True
+                total += 1
+    return found[:total].copy(), of_metal
