@@ -61,7 +61,7 @@ def success(rng: np.random.Generator, body: FloatArray, seeds: int, every: bool)
         drawn,
         trials,
         search.needed,
-        (search.chance, float(search.share(BODY))),
+        (search.hit_chance, float(search.share(BODY))),
         search.table,
         problem.sigma_mm,
         search.sides_chi2,

@@ -16,7 +16,7 @@ from ronnaplan.correspondence.priors import size_priors
 from ronnaplan.correspondence.problem import Problem
 from ronnaplan.correspondence.rivals import LEAST_REGULAR, LOG_ODDS_PER_PAIR
 from ronnaplan.correspondence.told import LEAST_PAIRS, Told
-from ronnaplan.correspondence.weighing import Pose, is_alike, left_by, weigh_pairs
+from ronnaplan.correspondence.weighing import PairedPose, is_alike, left_by, weigh_pairs
 from ronnaplan.geometry import FloatArray
 from ronnaplan.rigid import freedom
 
@@ -28,7 +28,7 @@ BESIDE_CHI2, FEWER_BESIDE, MOST_BESIDE = 12.0, 2, 1600
 so many pairs fewer (three make odds of 1 %), and there are up to so many possible pairs: 40 points of either set."""
 
 
-def points_left(problem: Problem, best: Pose, of_pairs: FloatArray) -> tuple[IntArray, IntArray, int]:
+def points_left(problem: Problem, best: PairedPose, of_pairs: FloatArray) -> tuple[IntArray, IntArray, int]:
     """Return the CT and the OTS points that are none of the best pose's, and how many pairs of theirs are a rival.
 
     ``of_pairs`` are the probabilities of the best pose's pairs. There are no points where a pair is known, which the
@@ -43,7 +43,7 @@ def points_left(problem: Problem, best: Pose, of_pairs: FloatArray) -> tuple[Int
     return i, j, least
 
 
-def poses_beside(found: Found, best: Pose, of_pairs: FloatArray, acceptable: float) -> list[Pose]:
+def poses_beside(found: Found, best: PairedPose, of_pairs: FloatArray, acceptable: float) -> list[PairedPose]:
     """Return the poses of bodies that would be rivals of the best pose among the points that it leaves.
 
     A body somewhat smaller than the best is missed more often than an equal among all points. Among those that are left
@@ -59,7 +59,7 @@ def poses_beside(found: Found, best: Pose, of_pairs: FloatArray, acceptable: flo
     return find_poses(rest, acceptable, least, work_done).poses
 
 
-def odds_of_body_beside(problem: Problem, poses: list[Pose], of_pairs: FloatArray) -> float:
+def odds_of_body_beside(problem: Problem, poses: list[PairedPose], of_pairs: FloatArray) -> float:
     """Return the odds that the patient is not the best pose's pairs but a body that was missed, among what they leave.
 
     ``of_pairs`` are the pairs' probabilities. A small body holds few triangles, so that it may have been missed; it is
@@ -89,7 +89,7 @@ def odds_of_body_beside(problem: Problem, poses: list[Pose], of_pairs: FloatArra
     return real * math.exp(LOG_ODDS_PER_PAIR * (int(paired.sum()) - size))
 
 
-def is_other_body(best: Pose, rival: Pose) -> bool:
+def is_other_body(best: PairedPose, rival: PairedPose) -> bool:
     """Tell whether both sets hold the bodies of both poses: they share few points, and the best fits as well.
 
     As well as the rival, or as errors as stated let it: a rival that fits better than these tells nothing of them.
@@ -130,7 +130,7 @@ def odds_of_rivals(found: Found) -> float:
     return total
 
 
-def odds_of_bodies(found: Found, best: Pose) -> float:
+def odds_of_bodies(found: Found, best: PairedPose) -> float:
     """Return the odds of the bodies that were found, beside that of the ``best`` pose, to it.
 
     ``best`` may have been weighed with other errors.
@@ -139,7 +139,7 @@ def odds_of_bodies(found: Found, best: Pose) -> float:
     return sum(odds_of_body(found.chance, same, pose) for pose in found.poses if same and pose is not same)
 
 
-def odds_of_body(chance: Chance, best: Pose, rival: Pose) -> float:
+def odds_of_body(chance: Chance, best: PairedPose, rival: PairedPose) -> float:
     """Return the odds of a rival pose to the best, if it pairs points that the best leaves, and not by chance.
 
     Then both sets hold two rigid bodies, and evidence does not tell which of them is the patient: the larger is, by

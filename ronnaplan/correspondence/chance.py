@@ -13,7 +13,7 @@ from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.problem import Problem
 from ronnaplan.correspondence.refining import PAIR_SIGMAS
 from ronnaplan.correspondence.strays import WIDEST, Meetings, sure_pairs
-from ronnaplan.correspondence.weighing import Pose
+from ronnaplan.correspondence.weighing import PairedPose
 from ronnaplan.geometry import FloatArray
 
 LEAST_ODDS = 0.01
@@ -84,7 +84,7 @@ class Chance:
         """Return the probability of each pair of a pose (3, 4) that its body, not chance, brings the two together."""
         return self._meetings(matrix, partner)[3][partner >= 0]
 
-    def right_pairs(self, pose: Pose) -> float:
+    def right_pairs(self, pose: PairedPose) -> float:
         """Return how many of a pose's pairs are right, as an expectation."""
         return float(self.pair_probabilities(pose.matrix, pose.partner).sum())
 
@@ -102,19 +102,19 @@ class Chance:
         own[i[is_made]] = paired[is_made]
         return own[partner >= 0]
 
-    def claims(self, pose: Pose) -> Claims:
+    def claims(self, pose: PairedPose) -> Claims:
         """Return which points a pose pairs, each with any of its neighbours."""
         i, j, odds, _ = self._meetings(pose.matrix, pose.partner)
         return Claims(i, j, odds, self.problem.counts)
 
-    def point_probabilities(self, pose: Pose) -> FloatArray:
+    def point_probabilities(self, pose: PairedPose) -> FloatArray:
         """Return `Claims.point_probabilities` of a pose; each is asked for it more than once."""
         if pose not in self._of_points:
             self._of_points[pose] = self.claims(pose).point_probabilities()
         return self._of_points[pose]
 
     @cached_property
-    def _of_points(self) -> dict[Pose, FloatArray]:
+    def _of_points(self) -> dict[PairedPose, FloatArray]:
         return {}
 
     @cached_property

@@ -141,8 +141,7 @@ def largest_overlap(m: FloatArray, bound: float) -> float:
     """Return the largest trace(R m) over the proper rotations R, given an upper bound of it.
 
     It is the largest root of the characteristic quartic of Horn's quaternion matrix (Horn 1987); Newton's method
-    from
-    above (Theobald 2005) descends to it monotonically.  Mirror images are no rotation, so they are never fitted.
+    from above (Theobald 2005) descends to it monotonically.  Mirror images are no rotation, so they are never fitted.
     """
     c = cofactors(m)
     square = of_cofactors = 0.0

@@ -30,7 +30,7 @@ from ronnaplan.correspondence.problem import Problem, moved_pairs, pairs_of
 from ronnaplan.correspondence.refining import PAIR_SIGMAS, refined
 from ronnaplan.correspondence.rivals import LOG_ODDS_OF_MIRROR
 from ronnaplan.correspondence.told import LEAST_PAIRS
-from ronnaplan.correspondence.weighing import Pose, weigh_pairs
+from ronnaplan.correspondence.weighing import PairedPose, weigh_pairs
 from ronnaplan.geometry import FloatArray
 
 MISSED_SHARE = 0.01
@@ -154,7 +154,7 @@ def odds_of_turn(problem: Problem, given: IntArray) -> float:
     return math.exp(min(of_all - weigh_pairs(problem, partner)[1], 700.0))
 
 
-def rivals_of(poses: list[Pose]) -> tuple[Rival, ...]:
+def rivals_of(poses: list[PairedPose]) -> tuple[Rival, ...]:
     """Return the best of ``poses`` as rivals, the very best among them; a smaller body may have more evidence."""
     return tuple(
         Rival(pose.pairs, max(float(poses[0].log_evidence - pose.log_evidence), 0.0))
@@ -162,7 +162,7 @@ def rivals_of(poses: list[Pose]) -> tuple[Rival, ...]:
     )
 
 
-def scale_of_errors(chance: Chance, pose: Pose) -> float:
+def scale_of_errors(chance: Chance, pose: PairedPose) -> float:
     """Return how many times as large as stated the errors are, from the pairs that a pose makes when its reach grows.
 
     From their median, for outliers that meet by chance lie farther; each counts with its probability under errors
@@ -217,7 +217,7 @@ def is_mirrored(found: Found, work_done: float) -> bool:
     return reflected.chance.right_pairs(mirrored) - most > MORE_IF_MIRRORED or more_probable
 
 
-def telling_point(poses: list[Pose]) -> int | None:
+def telling_point(poses: list[PairedPose]) -> int | None:
     """Return a CT point that the two best poses pair differently: touching it decides between them."""
     if len(poses) < 2:
         return None

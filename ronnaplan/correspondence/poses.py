@@ -29,7 +29,7 @@ from ronnaplan.correspondence.trials import (
     at_least,
     needed_hits,
 )
-from ronnaplan.correspondence.weighing import Pose, add_pose
+from ronnaplan.correspondence.weighing import PairedPose, add_pose
 from ronnaplan.geometry import FloatArray
 
 SIDES_CHI2 = (2.5, 12.0)
@@ -79,7 +79,7 @@ class Found:
     ``work``: what was done, see `WORK_PER_POINT`.  ``chance``: what tells the poses' pairs from chance.
     """
 
-    poses: list[Pose]
+    poses: list[PairedPose]
     missed: float
     complete: bool
     least_sure: int
@@ -94,16 +94,16 @@ class Search:
     problem: Problem
     grid: Grid
     needed: tuple[IntArray, IntArray]
-    chance: float
+    hit_chance: float
     every: bool
 
     @classmethod
     def of(cls, problem: Problem, every: bool) -> Search:
         """Return the search in which ``every`` seed is drawn, or only some."""
         grid = point_grid(problem.ots, problem.sigma_mm, WIDEST_REACH_SIGMAS * problem.sigma_mm)
-        chance = chance_of_hit(problem)
-        needed = needed_hits(len(problem.ct) - 3, chance, every)
-        return cls(problem, grid, needed, chance, every)
+        hit_chance = chance_of_hit(problem)
+        needed = needed_hits(len(problem.ct) - 3, hit_chance, every)
+        return cls(problem, grid, needed, hit_chance, every)
 
     @cached_property
     def table(self) -> Table:
@@ -171,7 +171,7 @@ def find_poses(
     acceptable: float,
     least_size: int = 0,
     work_done: float = 0.0,
-    before: Sequence[Pose] = (),
+    before: Sequence[PairedPose] = (),
 ) -> Found:
     """Return the poses that pair more points than chance would, those found ``before`` with other errors among them.
 
@@ -209,7 +209,7 @@ def find_poses(
     return Found(poses, float(of_size), done >= triangles, sure, work_allowed(problem) - work_left, chance)
 
 
-def weighed_with(found: Found, poses: Sequence[Pose]) -> Found:
+def weighed_with(found: Found, poses: Sequence[PairedPose]) -> Found:
     """Return what was found with more ``poses``, which were found with other errors or among some points only."""
     kept = list(found.poses)  # as they are: refined once more, a pose of dense points may lose some of its pairs
     for pose in refined_poses(Search.of(found.chance.problem, every=False), poses):
@@ -217,9 +217,9 @@ def weighed_with(found: Found, poses: Sequence[Pose]) -> Found:
     return replace(found, poses=sorted(kept, key=lambda pose: -pose.log_evidence))
 
 
-def refined_poses(search: Search, poses: Sequence[Pose]) -> list[Pose]:
+def refined_poses(search: Search, poses: Sequence[PairedPose]) -> list[PairedPose]:
     """Return the distinct ones of ``poses`` that were found with other errors, refined with the search's."""
-    anew: list[Pose] = []
+    anew: list[PairedPose] = []
     for pose in refine(search, np.array([pose.matrix for pose in poses]).reshape(-1, 3, 4), 1):
         add_pose(anew, pose)
     return anew
@@ -233,7 +233,7 @@ def looked_up(
     size: float,
     most_work: float,
     pool: Executor,
-) -> tuple[list[Pose], float, bool]:
+) -> tuple[list[PairedPose], float, bool]:
     """Return the refined poses that seeds (S, 3) lead to, the work, and whether all of it was done.
 
     Poses are left soon that do not promise as many pairs as ``size``, or as any that could be handed on.
@@ -242,9 +242,9 @@ def looked_up(
     problem, table = search.problem, search.table
     share = 0.0 if search.every else float(search.share(max(size, search.needed_of_all[1] + 3)))
 
-    def of_part(part: IntArray) -> tuple[list[Pose], float, bool]:
+    def of_part(part: IntArray) -> tuple[list[PairedPose], float, bool]:
         matrices, hits, work, finished = poses_of_seeds(
-            problem.ct, problem.ots, search.grid, part, trials, search.needed, (search.chance, share),
+            problem.ct, problem.ots, search.grid, part, trials, search.needed, (search.hit_chance, share),
             table, problem.sigma_mm, search.sides_chi2, known, most_work / PARTS,
         )  # fmt: skip
         found = matrices[hits > 0]
@@ -272,7 +272,7 @@ def chance_of_hit(problem: Problem) -> float:
     return float(min(max(crowding, 1e-6), 0.5))
 
 
-def refine(search: Search, matrices: FloatArray, needed: int) -> list[Pose]:
+def refine(search: Search, matrices: FloatArray, needed: int) -> list[PairedPose]:
     """Fit poses (K, 3, 4) to their pairs; those go that break a known one, or make too few, ``needed`` and a seed's."""
     if len(matrices) == 0:
         return []
@@ -281,4 +281,4 @@ def refine(search: Search, matrices: FloatArray, needed: int) -> list[Pose]:
     matrices, partners = refined(problem.ct, problem.ots, search.grid, matrices, reaches)
     enough = (partners >= 0).sum(axis=1) >= min(LEAST_PAIRS + needed, len(problem.ct))
     holds = (partners[:, problem.known[:, 0]] == problem.known[:, 1]).all(axis=1)
-    return [Pose.weighed(problem, matrices[k], partners[k]) for k in np.flatnonzero(enough & holds)]
+    return [PairedPose.weighed(problem, matrices[k], partners[k]) for k in np.flatnonzero(enough & holds)]

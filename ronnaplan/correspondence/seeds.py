@@ -24,7 +24,7 @@ from ronnaplan.geometry import FloatArray
 MOST_TRIANGLES = 8_000
 """Sets with no more triangles than this have them all drawn."""
 
-MOST_POSES = 3
+POSES_PER_SEED = 3
 """Poses that one seed hands on: those with the most hits."""
 
 BLOCK = 8
@@ -235,17 +235,17 @@ def poses_of_seeds(
     known: IntArray,
     most_work: float,
 ) -> tuple[FloatArray, IntArray, float, bool]:
-    """Return the poses (S, MOST_POSES, 3, 4) of seeds (S, 3) that meet the most points, their hits, and the work.
+    """Return the poses (S, POSES_PER_SEED, 3, 4) of seeds (S, 3) that meet the most points, their hits, and the work.
 
     ``needed``: hits at least of 0, 1, ... ``trials`` (R,), and of points.  ``shares``: those of the trials that hit by
     chance, and under a right pose.  ``sides_chi2``: sum of squared differences of the three sides, in variances of a
-    side's difference, up to which triangles agree.  ``table``: see `lookup.distance_table`.  ``hits`` (S, MOST_POSES)
-    is 0 where no pose was entered.  The fourth result tells whether the seeds were looked up in all of the OTS points,
-    before ``most_work`` was done.
+    side's difference, up to which triangles agree.  ``table``: see `lookup.distance_table`.  ``hits``
+    (S, POSES_PER_SEED) is 0 where no pose was entered.  The fourth result tells whether the seeds were looked up in all
+    of the OTS points, before ``most_work`` was done.
     """
     order, distance, starts, step = table
     _, _, near, places, cells = grid
-    poses, hits = np.empty((len(seeds), MOST_POSES, 3, 4)), np.zeros((len(seeds), MOST_POSES), np.int64)
+    poses, hits = np.empty((len(seeds), POSES_PER_SEED, 3, 4)), np.zeros((len(seeds), POSES_PER_SEED), np.int64)
     corners, sides, frames, local, tried, lines = prepare_seeds(ct, seeds, trials, shares, sigma)
     limit = sides_chi2 * 2.0 * sigma * sigma
     steps = steps_of(sides, math.sqrt(limit), step, starts.shape[1])

@@ -20,7 +20,7 @@ MOST_POSES = 20
 
 
 @dataclass(frozen=True, eq=False)
-class Pose:
+class PairedPose:
     """A pose and its pairs: ``matrix`` (3, 4) OTS from CT, ``partner`` (n,); their chi^2, and its log evidence."""
 
     matrix: FloatArray
@@ -29,7 +29,7 @@ class Pose:
     log_evidence: float
 
     @classmethod
-    def weighed(cls, problem: Problem, matrix: FloatArray, partner: IntArray) -> Pose:
+    def weighed(cls, problem: Problem, matrix: FloatArray, partner: IntArray) -> PairedPose:
         """Return the pose weighed by the pairs that it makes."""
         return cls(matrix, partner, *weigh_pairs(problem, partner))
 
@@ -88,7 +88,7 @@ def left_by(best: IntArray, partner: IntArray) -> IntArray:
     return rest
 
 
-def add_pose(poses: list[Pose], pose: Pose) -> None:
+def add_pose(poses: list[PairedPose], pose: PairedPose) -> None:
     """Add a pose, or let it replace one that `is_alike` with less evidence; one that chance explains is dropped."""
     if pose.log_evidence < 0:
         return

@@ -12,8 +12,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from ronnaplan.ct.jpeg_lossless import decode_jpeg_lossless
-from ronnaplan.ct.kinds import JPEG_EXTENDED, JPEG_LOSSLESS, JPEG_LS, PLUGINS, RLE
 from ronnaplan.ct.slices import PixelFormat, SliceImage, Stored
+from ronnaplan.ct.uids import JPEG_EXTENDED, JPEG_LOSSLESS, JPEG_LS, PLUGINS, RLE
 from ronnaplan.errors import InputError
 from ronnaplan.text import printable
 

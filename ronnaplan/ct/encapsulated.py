@@ -13,7 +13,7 @@ from typing import Final
 from ronnaplan.ct import tags
 from ronnaplan.ct.files import Blob, DamagedError
 from ronnaplan.ct.header import Header
-from ronnaplan.ct.kinds import CT_IMAGE, ENHANCED_CT, LEGACY_ENHANCED_CT
+from ronnaplan.ct.uids import CT_IMAGE, ENHANCED_CT, LEGACY_ENHANCED_CT
 from ronnaplan.ct.values import text
 
 _WITH_PIXELS: Final = frozenset({CT_IMAGE, ENHANCED_CT, LEGACY_ENHANCED_CT})

@@ -29,7 +29,7 @@ from ronnaplan.ct.limits import DEFAULT_LIMITS, LARGE_DEFLATED
 from ronnaplan.ct.slices import MULTI_FRAME_CLASSES, Instance, PixelFormat, SliceImage
 from ronnaplan.ct.values import Vector, number_or_none, numbers, text, values
 
-_KINDS: Final = {
+_NO_SCANS: Final = {
     "1.2.840.10008.1.3.10": "a DICOMDIR index",
     "1.2.840.10008.5.1.4.1.1.7": "a secondary capture, not a scan",
     "1.2.840.10008.5.1.4.1.1.7.1": "a secondary capture, not a scan",
@@ -57,8 +57,8 @@ _HU_NAMES: Final = frozenset({"", "HU", "US", "HOUNSFIELD", "HOUNSFIELD UNIT", "
 
 def why_not_scan(instance: Instance, kinds: Mapping[str, frozenset[str]]) -> str | None:
     """Return why a file cannot be a part of a volume of the modalities and classes in ``kinds``, or None."""
-    if instance.sop_class in _KINDS:
-        return _KINDS[instance.sop_class]
+    if instance.sop_class in _NO_SCANS:
+        return _NO_SCANS[instance.sop_class]
     if instance.sop_class.startswith(_STRUCTURED_REPORT_PREFIX):
         return "a structured report (SR), not a scan"
     if instance.sop_class.startswith(_PRESENTATION_STATE_PREFIX):

@@ -1,4 +1,4 @@
-"""Values between voxels, for the eye only: every measurement is made on the voxels themselves."""
+"""Values between voxels, for the eye, and to tell a wrong header: all that is measured is by the voxels themselves."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ronnaplan.ct import tags
 from ronnaplan.ct.files import Blob, DamagedError
 from ronnaplan.ct.header import Elements, Header
-from ronnaplan.ct.kinds import CT_IMAGE, ENHANCED_CT, LEGACY_ENHANCED_CT
+from ronnaplan.ct.uids import CT_IMAGE, ENHANCED_CT, LEGACY_ENHANCED_CT
 from ronnaplan.ct.values import Vector, integer, number_or_none, text, values
 
 MULTI_FRAME_CLASSES: Final = frozenset({ENHANCED_CT, LEGACY_ENHANCED_CT})

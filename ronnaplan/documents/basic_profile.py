@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from ronnaplan.ct.kinds import CT_IMAGE, ENHANCED_CT, LEGACY_ENHANCED_CT
+from ronnaplan.ct.uids import CT_IMAGE, ENHANCED_CT, LEGACY_ENHANCED_CT
 
 
 def _names(text: str) -> frozenset[str]:

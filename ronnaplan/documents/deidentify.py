@@ -25,11 +25,11 @@ from ronnaplan.ct.derived import told_by_description
 from ronnaplan.ct.files import Blob, DamagedError, NotDicomError, Skipped, given_path
 from ronnaplan.ct.folders import blobs_below
 from ronnaplan.ct.header import read_header
-from ronnaplan.ct.kinds import CT_IMAGE
 from ronnaplan.ct.limits import DEFAULT_LIMITS
 from ronnaplan.ct.no_dicom import is_failed_copy
 from ronnaplan.ct.slices import instance_from_header
 from ronnaplan.ct.system_folders import UNFINISHED
+from ronnaplan.ct.uids import CT_IMAGE
 from ronnaplan.documents.basic_profile import CONTENT, DUMMIES, EMPTIED, EMPTY, ENTERED, KEPT, REPLACED, TAKEN
 from ronnaplan.documents.files import make_folder, move_up, write_atomically
 from ronnaplan.errors import InputError

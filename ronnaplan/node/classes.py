@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from ronnaplan.ct.header import DEFLATED_LITTLE, EXPLICIT_BIG, EXPLICIT_LITTLE, IMPLICIT_LITTLE
-from ronnaplan.ct.kinds import CT_IMAGE, ENHANCED_CT, JPEG_LOSSLESS, LEGACY_ENHANCED_CT, PLUGINS
+from ronnaplan.ct.uids import CT_IMAGE, ENHANCED_CT, JPEG_LOSSLESS, LEGACY_ENHANCED_CT, PLUGINS
 
 _STORAGE: Final = "1.2.840.10008.5.1.4.1.1."
 SEGMENTATION: Final = f"{_STORAGE}66.4"

@@ -18,7 +18,7 @@ from ronnaplan.ct import read_ct
 from ronnaplan.ct.frames import PLAIN_SYNTAXES
 from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.images import is_image_file
-from ronnaplan.ct.kinds import PLUGINS
+from ronnaplan.ct.uids import PLUGINS
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import FloatArray

@@ -15,8 +15,8 @@ SMALLEST_VARIANCE_MM2 = 1e-18
 
 Covariances = ArrayLike | tuple[ArrayLike | None, ArrayLike | None] | None
 """Errors of paired points: None (equal, isotropic, unknown), those of the fixed points with the moving ones
-exact, or a tuple (moving, fixed). Each is a variance per axis, in mm^2 and its own frame: (N, 3, 3), or (3, 3) for
-all points; of a standard deviation ``s`` mm along every axis it is ``s**2 * numpy.eye(3)``."""
+exact, or a tuple (moving, fixed). Each is in mm^2 and its own frame: (N, 3, 3), or (3, 3) for all points; of a
+standard deviation ``s`` mm along every axis it is ``s**2 * numpy.eye(3)``."""
 
 
 def as_pair(covariances: Covariances, shape: tuple[int, ...]) -> tuple[FloatArray, FloatArray] | None:

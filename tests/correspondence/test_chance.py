@@ -11,7 +11,7 @@ from ronnaplan.correspondence.inputs import ErrorModel
 from ronnaplan.correspondence.pairing import no_pairs
 from ronnaplan.correspondence.problem import Problem
 from ronnaplan.correspondence.told import Told
-from ronnaplan.correspondence.weighing import Pose
+from ronnaplan.correspondence.weighing import PairedPose
 from tests.correspondence.scenes import SIGMA_CT, SIGMA_OTS, ball, bodies
 
 
@@ -26,7 +26,7 @@ def test_outliers_beside_markers_make_no_body_the_larger() -> None:
     ]
     chance = Chance.of(Problem(ct, ots, errors[0], errors[1], Told(), no_pairs(), 3e6, 60.0))
     partner = np.where(np.arange(len(ct)) < len(markers), np.arange(len(ct)), -1)
-    pose = Pose(np.eye(3, 4), partner, 0.0, 0.0)
+    pose = PairedPose(np.eye(3, 4), partner, 0.0, 0.0)
     assert chance.point_probabilities(pose).sum() == pytest.approx(len(markers), abs=0.05)
     assert chance.pair_probabilities(np.eye(3, 4), partner)[:2].max() < 0.9
 

@@ -75,8 +75,8 @@ def test_a_row_is_found_as_often_as_a_ball() -> None:
         search = Search.of(problem_of(ct, ots), every=False)
         seeds = first_in_order(rng.random((400, 16)), 3)
         hits = poses_of_seeds(
-            ct, ots, search.grid, seeds, np.argsort(rng.random((32, 47)), axis=1), search.needed, (search.chance, 0.2),
-            search.table, search.problem.sigma_mm, search.sides_chi2, none, 1e12,
+            ct, ots, search.grid, seeds, np.argsort(rng.random((32, 47)), axis=1), search.needed,
+            (search.hit_chance, 0.2), search.table, search.problem.sigma_mm, search.sides_chi2, none, 1e12,
         )[1]  # fmt: skip
         led.append(int((hits > 0).any(axis=1).sum()))
     assert min(led) > 100

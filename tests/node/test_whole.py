@@ -19,8 +19,8 @@ from pydicom import dcmread
 from pydicom.dataset import Dataset
 from pynetdicom import AE, evt
 
-from ronnaplan.ct.kinds import CT_IMAGE
 from ronnaplan.ct.system_folders import UNFINISHED
+from ronnaplan.ct.uids import CT_IMAGE
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.node.archives import FIND, GET, MOVE, open_archive
 from ronnaplan.node.channels import open_channel

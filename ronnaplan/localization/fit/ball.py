@@ -77,7 +77,7 @@ def _looked_up(
 
 
 @njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "reassoc", "arcp", "nsz"})
-def _look(
+def _see(
     r: float, inverse: float, edge: float, dw: float, pile: FloatArray, table: FloatArray, told: FloatArray
 ) -> None:
     """Fill ``told`` (8,) with what a place ``r`` mm from the ball's axis sees of the discs of a ``pile`` (4, Q).
@@ -113,7 +113,7 @@ def _look(
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _look_between(places: FloatArray, at: float, told: FloatArray) -> None:
+def _see_between(places: FloatArray, at: float, told: FloatArray) -> None:
     """Fill ``told`` (8,) with what is seen ``at`` so many rows of ``places`` (M, 8), by the nearest six (Lagrange)."""
     m = min(max(int(at) - 2, 0), len(places) - PLACES_BETWEEN)
     a = at - m
@@ -188,16 +188,16 @@ def add_ball(
         begin, known = _places_to_know(distances[some.start : end], low, high, step)
         discs_seen, places = pile[:, :count], np.empty((known, 8))
         for m in range(known):
-            _look(begin + m * step, inverse, edge, dw, discs_seen, table, places[m])
+            _see(begin + m * step, inverse, edge, dw, discs_seen, table, places[m])
         for n in some:
             r = distances[n]
             if not low < r < high:
                 shares[n] = 1.0 if r <= low else 0.0
                 continue
             if known > 0:
-                _look_between(places, (r - begin) / step, told)
+                _see_between(places, (r - begin) / step, told)
             else:
-                _look(r, inverse, edge, dw, discs_seen, table, told)
+                _see(r, inverse, edge, dw, discs_seen, table, told)
             shares[n] = told[0]
             beside = -contrast * inverse * told[1] / max(r, 1e-12)
             jacobian[n, U] += beside * (offsets[n, 0] - theta[U])

@@ -27,7 +27,7 @@ from ronnaplan.localization.fit.descent import (
     is_no_marker,
     residuals_and_jacobian,
 )
-from ronnaplan.localization.fit.directions import Judged, Verdict, judge
+from ronnaplan.localization.fit.directions import Judged, Verdict, judge_directions
 from ronnaplan.localization.fit.embedded import within_its_holder
 from ronnaplan.localization.fit.model import has_layer, shown_hu
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
@@ -157,7 +157,7 @@ def _is_nearer(one: BallFit, other: BallFit, around: Neighbourhood) -> bool:
     By its own directions alone, a fit that does without those it cannot explain would seem the better.
     """
     thetas, layer_mm, ceiling_hu = (one.theta, other.theta), one.prior.layer_mm, one.ceiling_hu
-    told = np.any([judge(around, theta, layer_mm, ceiling_hu)[1] for theta in thetas], axis=0)
+    told = np.any([judge_directions(around, theta, layer_mm, ceiling_hu)[1] for theta in thetas], axis=0)
     seen = around.select(told)
     left = [residuals_and_jacobian(seen, theta, layer_mm, ceiling_hu)[0] for theta in thetas]
     return bool(left[0] @ left[0] < left[1] @ left[1])
@@ -198,12 +198,12 @@ def _settle(
 
     The first choice is ``judged``, or that of ``theta``.
     """
-    verdict, used = judged or judge(around, theta, prior.layer_mm, ceiling_hu)
+    verdict, used = judged or judge_directions(around, theta, prior.layer_mm, ceiling_hu)
     previous = np.empty(0, dtype=np.int8)
     converged = True
     for number in range(MAX_ROUNDS):
         if number > 0:
-            verdict, used = judge(around, theta, prior.layer_mm, ceiling_hu)
+            verdict, used = judge_directions(around, theta, prior.layer_mm, ceiling_hu)
         is_no_ball = number > 0 and verdict.round_share < HOPELESS_ROUND
         if is_no_ball or _is_hopeless(theta, verdict, prior) or used.sum() < LEAST_VOXELS * len(theta):
             converged = False
@@ -223,7 +223,7 @@ def _first_descent(
 ) -> tuple[FloatArray, bool]:
     """Descend by ``some`` of the voxels ``around``, no farther than the beginning where that shows no ball."""
     soon, is_at_rest, damping = go_on(some, theta, FIRST_DAMPING, prior, ceiling_hu, BEGIN)
-    if is_at_rest or judge(around, soon, prior.layer_mm, ceiling_hu)[0].round_share < HOPELESS_SOON:
+    if is_at_rest or judge_directions(around, soon, prior.layer_mm, ceiling_hu)[0].round_share < HOPELESS_SOON:
         return soon, is_at_rest
     return go_on(some, soon, damping, prior, ceiling_hu, REST)[:2]
 

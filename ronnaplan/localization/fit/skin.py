@@ -133,7 +133,7 @@ def face_hu(excess_hu: FloatArray, contrast_hu: float, end_hu: float = math.inf)
 
 
 def share_on_skin(theta: FloatArray, attached_hu: float) -> float:
-    """Share of a ball's directions in which what it touches, as flat as a plane, is attached to it for `judge`.
+    """Share of a ball's directions in which what it touches, as flat as a plane, counts as attached to it (`Verdict`).
 
     That is where a plane of ``attached_hu`` over the background, blurred as the ball is, exceeds this by
     `ATTACHED_SHARE` of the contrast on the average of what lies just outside the ball's blur. The brighter it is beside

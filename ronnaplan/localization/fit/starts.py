@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import Build
 from ronnaplan.localization.fit.descent import LOOK, Prior, descend, is_no_marker
-from ronnaplan.localization.fit.directions import MAX_RAGGED, Judged, judge
+from ronnaplan.localization.fit.directions import MAX_RAGGED, Judged, judge_directions
 from ronnaplan.localization.fit.guess import ball_prior, first_guess, first_guesses, frozen, steady
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import BACKGROUND, CONTRAST, EDGE, SLOPES
@@ -74,14 +74,14 @@ class Candidate:
     def steady_look(self) -> Look | None:
         """Look by the directions alone that agree with the first guess, before an even background; None if no ball."""
         start, prior, some = self.start, self.prior, self.dimmed.select(self.few)
-        verdict, agreeing = judge(self.around.select(self.few), start, prior.layer_mm, self.ceiling_hu)
+        verdict, agreeing = judge_directions(self.around.select(self.few), start, prior.layer_mm, self.ceiling_hu)
         if (
             verdict.usual_rms_hu > HOPELESS_MISFIT * start[CONTRAST]
             or np.mean(verdict.state == 1) < LEAST_AGREEING
         ):
             return None
         theta, _ = descend(some.select(agreeing), start, steady(prior, start), self.ceiling_hu, LOOK)
-        told = judge(self.around, theta, prior.layer_mm, self.ceiling_hu)
+        told = judge_directions(self.around, theta, prior.layer_mm, self.ceiling_hu)
         return (theta, told) if told[0].round_share >= HOPELESS_ROUND else None
 
     def free_look(self, look: Look) -> Look:
@@ -101,7 +101,7 @@ class Candidate:
 
     def _held_look(self, theta: FloatArray) -> Look:
         theta, _ = descend(self.dimmed.select(self.few), theta, frozen(self.prior, theta), self.ceiling_hu, LOOK)
-        return theta, judge(self.around, theta, self.prior.layer_mm, self.ceiling_hu)
+        return theta, judge_directions(self.around, theta, self.prior.layer_mm, self.ceiling_hu)
 
     def _freed_look(self, look: Look) -> Look:
         """Free the shape, which a ``look`` held; a wrong shape leaves out too many directions.
@@ -115,7 +115,7 @@ class Candidate:
         def freed(voxels: NDArray[np.bool_]) -> Look:
             theta, _ = descend(self.dimmed.select(voxels), held, self.prior, self.ceiling_hu, LOOK)
             is_given_up = is_no_marker(theta, self.prior.mean)  # then what was told last will do
-            return theta, before if is_given_up else judge(
+            return theta, before if is_given_up else judge_directions(
                 self.around, theta, self.prior.layer_mm, self.ceiling_hu
             )
 

@@ -33,6 +33,10 @@ ROUND_MISFIT = 2.0
 this many times its misfit: heads of screws and cones come near 0.6, but raggedly; metal in its own streaks does so
 cleanly ..."""
 
+MIN_METAL_ROUND = 0.66
+"""... a ball of metal in at least this share of those that the scan shows: all that is bright beside it is fitted with
+it, and its scale's end makes the head of a screw look clean."""
+
 ALIKE_ROUND, ALIKE_INFORMED = 0.5, 0.25
 """What is as large as the balls of a scan that makes them ragged (`Evidence.is_alike`) has to be a sphere's, and to be
 used, in no more of its surface."""
@@ -42,13 +46,9 @@ ROUND_WIDTH, THIN_SHARE = 0.3, 0.25
 profile's width beyond this share of the diameter, of what is not attached to skin. In 5 mm slices, markers of 11.5 mm
 on posts show 0.89 and more."""
 
-MIN_METAL_ROUND = 0.66
-"""... a ball of metal in at least this share of those that the scan shows: all that is bright beside it is fitted with
-it, and its scale's end makes the head of a screw look clean."""
-
 MAX_ATTACHED, SKIN_MARGIN = 0.14, 0.03
 """A post is attached to a small part of a marker's surface (a post of 4 mm to 3 % of one of 11.5 mm), skin that it lies
-on to no more than a plane would be and this margin (to 11 % of one of 11.5 mm, to 23 % of one of 4 mm); a capsule or a
+on to no more than a plane would be and this margin (to 12 % of one of 11.5 mm, to 23 % of one of 4 mm); a capsule or a
 rod goes on in far more of it."""
 
 MAX_SUNK, SUNK_RAGGED = 0.3, 0.09

@@ -18,6 +18,7 @@ from ronnaplan.localization.judge.edge import Edge
 from ronnaplan.localization.judge.held import held_by, touching
 from ronnaplan.localization.judge.motion import Movement, movement
 from ronnaplan.localization.judge.uncertainty import (
+    by_panel,
     center_covariance,
     lag_mm,
     lagging_mm2,
@@ -87,7 +88,7 @@ class Evidence:
         axis, is_metal = held_by(self.volume, fit, touching(fit))
         pull_mm2 = pulled_mm2(fit, axis, is_metal=is_metal or fit.may_be_metal)
         pull_mm2 = pull_mm2 + untold_mm2(self.volume, fit) + near_faces_mm2(fit)
-        pull_mm2 = pull_mm2 + lagging_mm2(fit.theta, lag_mm(self.volume.grid), fit.neighbourhood.axes)
+        pull_mm2 = pull_mm2 + lagging_mm2(by_panel(fit.theta), lag_mm(self.volume.grid), fit.neighbourhood.axes)
         if is_beside_metal(self.volume, fit):
             pull_mm2 = pull_mm2 + streaked_mm2(fit)
         return center_covariance(fit, self.movement, pull_mm2, self.excess_mm)

@@ -115,8 +115,8 @@ def center_covariance(
 ) -> FloatArray:
     """Covariance (3, 3) of the fitted center in LPS, mm^2: noise, model error and what may cover it.
 
-    ``moved`` is what `motion.movement` finds, ``pull_mm2`` (3, 3) what `pulled_mm2` states, ``excess_mm`` the fitted
-    minus the stated diameter.
+    ``moved`` is what `motion.movement` finds, ``pull_mm2`` (3, 3) what is stated in LPS of all that draws a center,
+    ``excess_mm`` the fitted minus the stated diameter.
     """
     total = sum((WEIGHTS[name] * source for name, source in sources(fit, moved).items()), np.zeros((3, 3)))
     total += hidden_shading_mm2(fit) * np.eye(3)
@@ -165,10 +165,10 @@ def lag_mm(grid: SliceGrid) -> float:
     return LAG_MM if is_panels else ROWS_MM
 
 
-def lagging_mm2(theta: FloatArray, error_mm: float, axes: FloatArray) -> FloatArray:
-    """Covariance (3, 3) in LPS, mm^2, of `lag_mm` for a ball's blur; ``axes`` (3, 3) are u, v, w in LPS."""
+def lagging_mm2(share: float, error_mm: float, axes: FloatArray) -> FloatArray:
+    """Covariance (3, 3) in LPS, mm^2, of `lag_mm` for a ``share`` of `by_panel`; ``axes`` (3, 3) are u, v, w in LPS."""
     within: FloatArray = axes.T @ WITHIN @ axes
-    return error_mm**2 * by_panel(theta) * within
+    return error_mm**2 * share * within
 
 
 def streaked_mm2(fit: BallFit) -> FloatArray:

@@ -13,7 +13,7 @@ from ronnaplan.localization.build import SIZE_TOLERANCE_MM, is_off_size
 from ronnaplan.localization.examine import LEAST_TOGETHER, Examined, distinct, same_places
 from ronnaplan.localization.fit.parameters import BLUR, EDGE, WIDTH, W, edge_variance_mm2
 from ronnaplan.localization.judge.motion import Movement
-from ronnaplan.localization.judge.uncertainty import ASIDE, MOST_ASIDE, WEIGHTS, WITHIN, by_panel, lag_mm
+from ronnaplan.localization.judge.uncertainty import ASIDE, MOST_ASIDE, WEIGHTS, by_panel, lag_mm, lagging_mm2
 from ronnaplan.localization.scanner.beat import DISPLACED_SHARE
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanner.summed import slope_beside_per_mm
@@ -82,8 +82,9 @@ def together(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
     counted = []
     beyond_mm2 = (MOST_ASIDE / ASIDE * _beyond_usual_mm(markers)) ** 2
     for one, moved, usual, beyond in zip(markers, movements, usual_mm2, beyond_mm2, strict=True):
-        covariance_mm2 = with_usual_lag(one.covariance_mm2, one.parameters, panel, lag_mm(grid), axes)
-        covariance_mm2 = with_usual(covariance_mm2, moved, usual, axes) + beyond * one.by_excess
+        # Slices that are thin beside the blur tell little of their profile's shape: a panel's may be taken for a box.
+        more_mm2 = lagging_mm2(max(panel - by_panel(one.parameters), 0.0), lag_mm(grid), axes)
+        covariance_mm2 = with_usual(one.covariance_mm2 + more_mm2, moved, usual, axes) + beyond * one.by_excess
         counted.append(replace(one, covariance_mm2=covariance_mm2))
     return counted
 
@@ -181,19 +182,6 @@ def with_usual(covariance_mm2: FloatArray, moved: Movement, usual_mm2: FloatArra
     change = WEIGHTS["odd"] * (usual_mm2 - moved.odd_mm2) / 2.0
     pooled: FloatArray = covariance_mm2 + axes.T @ np.diag(change) @ axes
     return pooled
-
-
-def with_usual_lag(
-    covariance_mm2: FloatArray, theta: FloatArray, usual: float, error_mm: float, axes: FloatArray
-) -> FloatArray:
-    """Return the covariance (3, 3) with what lag adds where the scan's markers are usually blurred by a panel.
-
-    ``usual`` is the median of `by_panel`, ``error_mm`` is of `lag_mm`. Slices that are thin beside the blur tell little
-    of their profile's shape.
-    """
-    more = max(usual - by_panel(theta), 0.0)
-    added: FloatArray = covariance_mm2 + error_mm**2 * more * axes.T @ WITHIN @ axes
-    return added
 
 
 def beyond_usual_mm(excesses_mm: FloatArray, errors_mm: FloatArray) -> FloatArray:

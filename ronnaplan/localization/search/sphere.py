@@ -44,14 +44,16 @@ def spheres_at(
     lookup = lookup_of(volume)
 
     def look(first: int, end: int) -> None:
-        _look(found[first:end], directions, build.wall_mm > 0.0, voxel_mm, lookup)
+        _see_spheres(found[first:end], directions, build.wall_mm > 0.0, voxel_mm, lookup)
 
     in_parts(look, len(found))
     return found[:, :3] @ axes, found[:, 3], found[:, 4]
 
 
 @njit(cache=True, nogil=True)
-def _look(found: FloatArray, directions: FloatArray, is_hollow: bool, voxel_mm: float, lookup: Lookup) -> None:
+def _see_spheres(
+    found: FloatArray, directions: FloatArray, is_hollow: bool, voxel_mm: float, lookup: Lookup
+) -> None:
     """Turn places and diameters (N, 5) along u, v, w into spheres, each with its share of the surface or 0.
 
     Written out, as all below: what numba makes of whole arrays' arithmetic takes it many seconds to compile.

@@ -12,7 +12,7 @@ from phantoms.solids import cylinder
 from ronnaplan.ct import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.examine import fit_place
-from ronnaplan.localization.fit.directions import judge
+from ronnaplan.localization.fit.directions import judge_directions
 from ronnaplan.localization.fit.model import has_skin
 from ronnaplan.localization.fit.parameters import CENTER
 from ronnaplan.localization.scanner.scan import Scan
@@ -26,7 +26,7 @@ def test_voxels_on_the_surface_agree_where_no_post_stands_and_none_does_far_away
     volume = scan(Scene((*balls([(0.0, 0.0, 0.0)]).parts, *POST.parts)), small_stack())
     fit = fit_place(Scan(volume), np.array([0.2, -0.1, 0.2]), 2 * RADIUS_MM)
     around = fit.neighbourhood
-    _, agreeing = judge(around, fit.theta, fit.prior.layer_mm, fit.ceiling_hu)
+    _, agreeing = judge_directions(around, fit.theta, fit.prior.layer_mm, fit.ceiling_hu)
     offsets_mm = around.offsets_mm - fit.theta[CENTER]
     far_mm = np.linalg.norm(offsets_mm, axis=1)
     is_on_surface = np.abs(far_mm - RADIUS_MM) < NEAR_MM

@@ -30,6 +30,7 @@ from ronnaplan.localization.judge.uncertainty import (
     POST_PULL_MM,
     ROWS_MM,
     SCREW_PULL_MM,
+    by_panel,
     center_covariance,
     cramer_rao_bound,
     lag_mm,
@@ -258,7 +259,7 @@ def test_a_bell_no_wider_than_the_blur_within_slices_adds_what_a_lagging_panel_m
     def stated(shape: float, blur_mm: float) -> FloatArray:
         theta = fit.theta.copy()
         theta[[SHAPE, WIDTH, BLUR]] = shape, 2.0, blur_mm  # 0.58 mm across
-        return lagging_mm2(theta, LAG_MM, np.eye(3))
+        return lagging_mm2(by_panel(theta), LAG_MM, np.eye(3))
 
     assert np.allclose(stated(5.0, 0.7), LAG_MM**2 * np.diag([1.0, 1.0, 0.0]))
     assert np.allclose(stated(5.0, 0.3), 0.0, atol=0.1 * LAG_MM**2)
