@@ -1,4 +1,15 @@
-"""`match_points`: the exact matcher, from raw points to an accepted pairing or a refusal with its rivals."""
+"""`match_points`: the exact matcher, from raw points to an accepted pairing or a refusal with its rivals.
+
+1. Points, their errors and what was told of them are checked (`inputs`, `told`) and make the `problem`.
+2. Of small sets (`small`) every pairing whose distances agree (`graph`) is listed (`exact`) and weighed (`evidence`,
+   `priors`, `anisotropic`); the best has to stand against mirror images, other bodies and other orders (`rivals`).
+3. Of others (`large`) poses are sought (`poses`) by triangles of the same sides (`seeds`, `lookup`), tried on other
+   points (`trials`), fitted (`refining`) and weighed (`weighing`); the best has to stand against second `bodies` and
+   mirror images, and each of its pairs against `chance` (`densities`) and `strays`.
+
+`layout` tells before measuring how distinguishable markers are, `similarity` is the published algorithm, and `many`
+matches small sets by the thousand.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,12 @@
-"""From a path to a `CTVolume`: choose the series, check that it can be held, read its slices in parallel."""
+"""From a path to a `CTVolume`: choose the series, check that it can be held, read its slices in parallel.
+
+1. The files below the path are listed (`folders`, `archives`), and the header of each is read (`header`, `slices`).
+2. Those of a series become images (`frames`), and these stacks of slices on a `grid` (`stack`); what tells them apart,
+   or doubts them, is told (`apart`, `copies`, `derived`, `rounded`). `catalogue` does both, and one series is chosen.
+3. The slices' pixels are decoded (`pixels`, `codecs`) into one array of HU, and their scale is doubted (`scale`).
+
+NIfTI, NRRD and MetaImage files are read by `images`.
+"""
 
 from __future__ import annotations
 
@@ -80,8 +88,9 @@ def _read(
 ) -> CTVolume:
     path = given_path(path)
     if is_image_file(path) and path.is_file():
-        volume = _without_unmeasured(read_image(path, limits, kinds))
-        return _told(_judged(volume) if volume.source.modality == "CT" else volume)
+        volume = read_image(path, limits, kinds)
+        # Image files do not declare which value stands where nothing was measured.
+        return _judged(replace(volume, padding_hu=_mark_unmeasured_corners(volume.voxels_hu, None)))
     found = find_series(path, limits, kinds=kinds, progress=progress)
     return read_found(found, series_uid, limits, progress=progress, scratch=scratch)
 
@@ -102,23 +111,15 @@ def read_found(
     return read_series(series, limits, beside=beside, progress=progress, scratch=scratch)
 
 
-def _told(volume: CTVolume) -> CTVolume:
-    """Tell the log what was read, and return it."""
+def _judged(volume: CTVolume) -> CTVolume:
+    """Flag values of a CT that cannot be HU of something in air, and tell the log what was read."""
+    is_ct = volume.source.modality == "CT"
+    doubts = doubts_of_scale(volume.voxels_hu, volume.padding_hu) if is_ct else ()
+    volume = replace(volume, flags=(*volume.flags, *doubts)) if doubts else volume
     LOG.info("read %r of series %s", volume, volume.source.series_instance_uid)
     for flag in volume.flags:
         LOG.info("the scan is to be doubted: %s", flag)
     return volume
-
-
-def _judged(volume: CTVolume) -> CTVolume:
-    """Flag values that cannot be HU of something in air."""
-    doubts = doubts_of_scale(volume.voxels_hu, volume.padding_hu)
-    return replace(volume, flags=(*volume.flags, *doubts)) if doubts else volume
-
-
-def _without_unmeasured(volume: CTVolume) -> CTVolume:
-    """Say which value stands where nothing was measured: image files declare none."""
-    return replace(volume, padding_hu=_mark_unmeasured_corners(volume.voxels_hu, None))
 
 
 def read_series(
@@ -152,8 +153,7 @@ def read_series(
     flags = tuple(dict.fromkeys((*stack.flags, *beside)))
     if first.modality == "CT" and _has_doubtful_sign(slices, voxels, padding_hu, limits):
         flags = (*flags, VolumeFlag.SIGN)
-    volume = CTVolume(voxels, stack.grid, source, padding_hu, flags)
-    return _told(_judged(volume) if first.modality == "CT" else volume)
+    return _judged(CTVolume(voxels, stack.grid, source, padding_hu, flags))
 
 
 def _voxels(

@@ -183,7 +183,7 @@ def fit_place(
 
     Edges between slices tell a place to half their distance only, and a plate behind a ball draws its votes aside:
     a fit that moves away no farther, or by no more than its radius to where it shows a sphere, starts anew there.
-    Of what a head does to its image is ``made_good`` what that says.
+    ``made_good`` says how much of what a head does to its image is.
     """
     fit = _fit(scan, center_mm, diameter_mm, build, made_good)
     moved_mm, near_mm = float(np.linalg.norm(fit.theta[CENTER])), MAX_WANDER * diameter_mm / 2.0

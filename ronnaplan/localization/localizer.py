@@ -88,7 +88,8 @@ def localize(
     (examined,) = by_the_usual([(scan, examined)], marker)
     judged = alike(markers_in(examined))
     turned_down = [one for one in examined if not one.is_marker]
-    markers = _from_the_top(together(scan, sized([one for one in judged if one.is_marker], turned_down)))
+    stated = together(scan, sized([one for one in judged if one.is_marker], turned_down))
+    markers = sorted(stated, key=lambda one: tuple(-one.center_mm[::-1]))  # from the top of the head down
     examined = [*turned_down, *judged]
     fiducials, rejected = _numbered(scan, markers), _rejected(examined, markers)
     distorted = distortion(scan, examined, markers, lambda other, wanted: examine_places(other, wanted, marker))
@@ -216,11 +217,6 @@ def _check_size(scan: Scan, diameter_mm: float) -> None:
             f"a marker of {diameter_mm:g} mm is smaller than {MIN_VOXELS_PER_DIAMETER:g} pixels of this scan "
             f"({volume.grid.pixel_mm:.3f} mm each); scan with a smaller field of view"
         )
-
-
-def _from_the_top(markers: Iterable[Examined]) -> list[Examined]:
-    """Sort markers from the top of the head down."""
-    return sorted(markers, key=lambda one: tuple(-one.center_mm[::-1]))
 
 
 def _numbered(scan: Scan, markers: Sequence[Examined]) -> list[Fiducial]:

@@ -158,7 +158,7 @@ def _sizes(
         )
         thick = as_thick(scan, fitted, fitted_in)
         if thick is not scan:
-            scan = coarse = thick
+            scan = coarse = thick  # `scan_for` goes by them
             fitted = fitted_in(scan, places)
         turned = along_the_blur(scan, fitted, marker)
         if turned is not scan:

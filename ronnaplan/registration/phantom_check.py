@@ -169,9 +169,7 @@ class PhantomCheck:
         root = np.linalg.inv(np.linalg.cholesky(fit.covariances_mm2))
         weighted = (root @ design).reshape(-1, design.shape[-1])
         target = (root @ fit.residual_vectors_mm[..., np.newaxis]).ravel()
-        freedom = len(target) - weighted.shape[1]
-        if freedom < 1:
-            return (), fit.chi_square, fit.degrees_of_freedom
+        freedom = len(target) - weighted.shape[1]  # two and more, of `LEAST_MARKERS` and more
         held = np.eye(weighted.shape[1])[6:] / WIDEST_STRETCH  # or what the phantom does not tell would seem known
         weighted, target = np.vstack([weighted, held]), np.append(target, np.zeros(len(held)))
         answer, *_ = np.linalg.lstsq(weighted, target, rcond=None)

@@ -21,7 +21,7 @@ from ronnaplan.localization.fit.algebra import inverse
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.model import METAL_CONTRAST_HU, has_layer
 from ronnaplan.localization.fit.parameters import CENTER, CONTRAST, RADIUS, WIDTH
-from ronnaplan.localization.judge.held import metal_beyond, touching
+from ronnaplan.localization.judge.held import directions_touched, metal_beyond
 from ronnaplan.localization.judge.part import HALF_A_BALL, fit_by_part, is_plain
 from ronnaplan.localization.judge.uncertainty import ADAPTED_SLICES, WEIGHTS, by_slices
 
@@ -147,7 +147,7 @@ def _crossed_mm(volume: CTVolume, fit: BallFit) -> tuple[float, float] | None:
     Slices as they were measured: rays run across the patient's axis in coronal and sagittal pictures, too.
     """
     radius_mm, axes = float(fit.theta[RADIUS]), fit.neighbourhood.axes
-    metal_mm, _ = metal_beyond(volume, fit, touching(fit))
+    metal_mm, _ = metal_beyond(volume, fit, directions_touched(fit))
     if not len(metal_mm):
         return None
     heights_mm = metal_mm @ axes[_across(fit)]

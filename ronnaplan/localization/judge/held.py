@@ -24,7 +24,7 @@ LEAST_HELD = 0.05
 """What touches fewer of a ball's directions than this share does not hold it: noise leaves out single ones."""
 
 
-def touching(fit: BallFit) -> FloatArray:
+def directions_touched(fit: BallFit) -> FloatArray:
     """Directions (N, 3) in LPS in which something touches a ball."""
     directions: FloatArray = cell_directions()[fit.verdict.state == 0] @ fit.neighbourhood.axes
     return directions
