@@ -213,13 +213,13 @@ def _fit_as_summed(
 ) -> tuple[BallFit, MadeGood]:
     """Fit a ball with what rays lose that were summed first made good; return it, and what is left to make good."""
     reach_mm = 0.625 * diameter_mm + max(build.layer_mm, 0.0) + margin_mm(scan.widest_mm)
-    around = gather(scan.volume, center_mm, reach_mm, scan.axes)
+    around = gather(scan.volume, center_mm, reach_mm, scan.axes, scan.ceiling_hu)
     thickness_mm = float(scan.thickness_mm(center_mm))
-    fit = fit_ball(around, diameter_mm, build, thickness_mm, scan.ceiling_hu)
+    fit = fit_ball(around, diameter_mm, build, thickness_mm)
     if not (scan.summed.first and fit.converged and not fit.is_clipped):
         return fit, made_good
-    whole = fit.neighbourhood.given_back(lost_to_summing_hu(scan.volume, fit), scan.ceiling_hu)
-    fit = fit_ball(whole, diameter_mm, build, thickness_mm, scan.ceiling_hu)
+    whole = fit.neighbourhood.given_back(lost_to_summing_hu(scan.volume, fit))
+    fit = fit_ball(whole, diameter_mm, build, thickness_mm)
     # All that rows add up is made good by that.
     return fit, MadeGood.BUT_ROWS if made_good is MadeGood.ALL else made_good
 

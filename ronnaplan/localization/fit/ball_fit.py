@@ -45,7 +45,6 @@ class BallFit:
     verdict: Verdict
     converged: bool
     prior: Prior
-    ceiling_hu: float
     made_good_mm: FloatArray | None = None
     """How far the center was moved (3,), in LPS, by making good what a head does to the image; None if nothing was."""
     by_part_mm2: FloatArray | None = None
@@ -60,6 +59,11 @@ class BallFit:
         """Center (3,) in LPS."""
         center: FloatArray = self.neighbourhood.origin_mm + self.theta[CENTER] @ self.neighbourhood.axes
         return center
+
+    @property
+    def ceiling_hu(self) -> float:
+        """Value at which the scan clips."""
+        return self.neighbourhood.ceiling_hu
 
     @property
     def diameter_mm(self) -> float:
@@ -138,7 +142,6 @@ def fit_at(
     prior: Prior,
     verdict: Verdict,
     used: NDArray[np.bool_],
-    ceiling_hu: float,
     *,
     converged: bool,
     slopes: bool = True,
@@ -151,8 +154,8 @@ def fit_at(
     """
     if not converged:  # its tests ask for nothing else
         around, used = around.select(used), np.ones(np.count_nonzero(used), dtype=np.bool_)
-    residuals, jacobian = residuals_and_jacobian(around, theta, prior.layer_mm, ceiling_hu)
-    is_shaded = converged and ceiling_hu - theta[BACKGROUND] >= PLATEAU_SHARE * theta[CONTRAST]
+    residuals, jacobian = residuals_and_jacobian(around, theta, prior.layer_mm)
+    is_shaded = converged and around.ceiling_hu - theta[BACKGROUND] >= PLATEAU_SHARE * theta[CONTRAST]
     if is_shaded:
         shading = shaded(around, theta, residuals, jacobian, used, prior, slopes=slopes, bends=bends)
     else:
@@ -174,7 +177,6 @@ def fit_at(
         verdict=verdict,
         converged=converged,
         prior=prior,
-        ceiling_hu=ceiling_hu,
     )
 
 

@@ -126,19 +126,20 @@ class Prior:
 
 
 def descend(
-    used: Neighbourhood, theta: FloatArray, prior: Prior, ceiling_hu: float, effort: Effort = WHOLE
+    used: Neighbourhood, theta: FloatArray, prior: Prior, effort: Effort = WHOLE
 ) -> tuple[FloatArray, bool]:
     """Levenberg-Marquardt from ``theta``; returns the best parameters and whether the steps came to rest."""
-    return go_on(used, theta, FIRST_DAMPING, prior, ceiling_hu, effort)[:2]
+    return go_on(used, theta, FIRST_DAMPING, prior, effort)[:2]
 
 
 def go_on(
-    used: Neighbourhood, theta: FloatArray, damping: float, prior: Prior, ceiling_hu: float, effort: Effort
+    used: Neighbourhood, theta: FloatArray, damping: float, prior: Prior, effort: Effort
 ) -> tuple[FloatArray, bool, float]:
     """Descend from ``theta`` with the ``damping`` of its last step; returns that of the next one as well."""
     voxels, held = (used.offsets_mm, used.values_hu, used.floors_hu), (prior.mean, prior.weight)
     steps, gain, last_mm = effort
-    return _descend(*voxels, theta, damping, *held, prior.layer_mm, discs(theta), ceiling_hu, steps, gain, last_mm)
+    end_hu = used.ceiling_hu
+    return _descend(*voxels, theta, damping, *held, prior.layer_mm, discs(theta), end_hu, steps, gain, last_mm)
 
 
 @njit(cache=True, nogil=True)
@@ -249,11 +250,11 @@ def _bind(theta: FloatArray, before: FloatArray) -> None:
 
 
 def residuals_and_jacobian(
-    around: Neighbourhood, theta: FloatArray, layer_mm: float, ceiling_hu: float
+    around: Neighbourhood, theta: FloatArray, layer_mm: float
 ) -> tuple[FloatArray, FloatArray]:
     """Data minus model (N,) and the Jacobian (N, P); both zero where clipped data agree with a model beyond."""
     voxels = around.offsets_mm, around.values_hu, around.floors_hu
-    return _left_over(*voxels, theta, layer_mm, discs(theta), ceiling_hu)
+    return _left_over(*voxels, theta, layer_mm, discs(theta), around.ceiling_hu)
 
 
 @njit(cache=True, nogil=True)

@@ -130,10 +130,10 @@ Judged = tuple[Verdict, NDArray[np.bool_]]
 """What the directions say, and which voxels (N,) of a neighbourhood are those of the directions that agree."""
 
 
-def judge_directions(around: Neighbourhood, theta: FloatArray, layer_mm: float, ceiling_hu: float) -> Judged:
+def judge_directions(around: Neighbourhood, theta: FloatArray, layer_mm: float) -> Judged:
     """Judge every direction by the voxels within reach."""
     voxels = around.offsets_mm, around.values_hu, around.floors_hu
-    told, agreeing = _survey(*voxels, theta, layer_mm, discs(theta), ceiling_hu, cell_directions())
+    told, agreeing = _survey(*voxels, theta, layer_mm, discs(theta), around.ceiling_hu, cell_directions())
     return Verdict(*told), agreeing
 
 

@@ -74,12 +74,10 @@ CLIPPED_START = 2.0
 """Where the inside is clipped, the search for the true contrast begins at this many times the visible one."""
 
 
-def first_guess(
-    around: Neighbourhood, diameter_mm: float, build: Build, thickness_mm: float, ceiling_hu: float
-) -> FloatArray:
+def first_guess(around: Neighbourhood, diameter_mm: float, build: Build, thickness_mm: float) -> FloatArray:
     """First guess: the stated size, the candidate's center, and levels read off the inside and the outside."""
     high, low = _levels(around, diameter_mm, build)
-    contrast = max(high - low, 1.0) * (CLIPPED_START if high >= ceiling_hu else 1.0)
+    contrast = max(high - low, 1.0) * (CLIPPED_START if high >= around.ceiling_hu else 1.0)
     layer = [-contrast if build.wall_mm else 0.0] if build.layer_mm else []
     streaks = [0.0] * len(STREAK_PARAMETERS) if contrast > METAL_CONTRAST_HU else []
     ball = [0, 0, 0, diameter_mm / 2, TYPICAL_BLUR_MM, 0.0, thickness_mm, SHAPE_PRIOR[0], contrast, low]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,7 +19,8 @@ class Neighbourhood:
     """Voxels near a place: values in HU, and offsets from ``origin_mm`` along u, v, w, slice by slice.
 
     ``slices`` (N,) are their slices' numbers; ``offsets_mm`` (N, 3); ``values_hu`` (N,); ``axes`` (3, 3) has u, v, w as
-    rows in LPS. ``pixel_mm`` is the grid's, ``floors_hu`` (N,) the lowest value about the place, where scales end.
+    rows in LPS. ``pixel_mm`` is the grid's, ``floors_hu`` (N,) the lowest value about the place, where scales end, and
+    ``ceiling_hu`` the value at which the scan's clips; infinite where it does not.
     ``ending_share`` is the share of the directions that were left out, because what holds the ball ends in them.
     """
 
@@ -29,6 +31,7 @@ class Neighbourhood:
     values_hu: FloatArray
     floors_hu: FloatArray
     pixel_mm: float
+    ceiling_hu: float = math.inf
     ending_share: float = 0.0
 
     @cached_property
@@ -48,17 +51,19 @@ class Neighbourhood:
         slices, offsets_mm, values_hu, floors_hu = _taken(*voxels, kept)
         return replace(self, slices=slices, offsets_mm=offsets_mm, values_hu=values_hu, floors_hu=floors_hu)
 
-    def given_back(self, lost_hu: FloatArray, ceiling_hu: float) -> Neighbourhood:
+    def given_back(self, lost_hu: FloatArray) -> Neighbourhood:
         """Give the voxels what they have lost (N,); where the scale had ended below, it ends as much higher.
 
-        What had reached its upper end, ``ceiling_hu``, still has.
+        What had reached its upper end still has.
         """
         values_hu = self.values_hu + lost_hu
-        values_hu = np.where(self.values_hu >= ceiling_hu, np.maximum(values_hu, self.values_hu), values_hu)
+        values_hu = np.where(self.values_hu >= self.ceiling_hu, np.maximum(values_hu, self.values_hu), values_hu)
         return replace(self, values_hu=values_hu, floors_hu=self.floors_hu + lost_hu)
 
 
-def gather(volume: CTVolume, center_mm: FloatArray, reach_mm: float, axes: FloatArray) -> Neighbourhood:
+def gather(
+    volume: CTVolume, center_mm: FloatArray, reach_mm: float, axes: FloatArray, ceiling_hu: float = math.inf
+) -> Neighbourhood:
     """Collect the measured voxels within ``reach_mm`` of ``center_mm`` (3,) in LPS.
 
     ``axes`` (3, 3) are u, v, w in LPS. Where they are not the slices' own, what is as thick as these and lies across w
@@ -75,7 +80,7 @@ def gather(volume: CTVolume, center_mm: FloatArray, reach_mm: float, axes: Float
         volume.padding_or_nan_hu,
     )
     floors = np.full(len(values), values.min(initial=np.inf))
-    around = Neighbourhood(center_mm, grid.axes, slices, offsets, values, floors, grid.pixel_mm)
+    around = Neighbourhood(center_mm, grid.axes, slices, offsets, values, floors, grid.pixel_mm, ceiling_hu)
     return around if axes is grid.axes else _turned(around, axes, float(np.median(grid.spacings_mm)))
 
 

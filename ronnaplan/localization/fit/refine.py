@@ -70,16 +70,10 @@ MAX_ROUNDS = 8
 """Rounds of leaving directions out and fitting again; real markers settle in two to four."""
 
 
-def fit_ball(
-    around: Neighbourhood, diameter_mm: float, build: Build, thickness_mm: float, ceiling_hu: float
-) -> BallFit:
-    """Fit a ball of about ``diameter_mm`` to the voxels ``around`` a candidate.
-
-    ``thickness_mm`` is the nominal slice thickness, ``ceiling_hu`` the value at which the scan clips (infinite
-    where it does not).
-    """
+def fit_ball(around: Neighbourhood, diameter_mm: float, build: Build, thickness_mm: float) -> BallFit:
+    """Fit a ball of about ``diameter_mm`` to the voxels ``around`` a candidate, in slices nominally so thick."""
     around = within_its_holder(around, diameter_mm, build.layer_mm)
-    candidate = candidate_of(around, diameter_mm, build, thickness_mm, ceiling_hu)
+    candidate = candidate_of(around, diameter_mm, build, thickness_mm)
     look = candidate.first_look()
     fit = _fitted(candidate, look)
     if fit.converged or not is_astray(look):
@@ -94,29 +88,29 @@ def fit_ball(
 
 def _fitted(candidate: Candidate, look: Look) -> BallFit:
     """Fit a ball to a candidate's voxels from a ``look`` that held its shape."""
-    around, prior, ceiling_hu = candidate.around, candidate.prior, candidate.ceiling_hu
+    around, prior = candidate.around, candidate.prior
     theta, (verdict, used) = candidate.free_look(look)
     if _is_hopeless(theta, verdict, prior):
-        return fit_at(around, theta, prior, verdict, candidate.few, ceiling_hu, converged=False)
+        return fit_at(around, theta, prior, verdict, candidate.few, converged=False)
     near = _near(around, theta)
-    plain = _settle(around.select(near), theta, prior, ceiling_hu, (verdict, used[near]))
+    plain = _settle(around.select(near), theta, prior, (verdict, used[near]))
     plain = _of_either_kernel(plain, around)
     if plain.verdict.round_share < HOPELESS_ROUND or not lies_on_something(theta, verdict):
         return _about_its_own_center(plain)
     around = around.select(near)
-    on_skin = _settle_on_skin(around, *with_skin(theta, prior, verdict, around), ceiling_hu)
+    on_skin = _settle_on_skin(around, *with_skin(theta, prior, verdict, around))
     if not (is_skin(on_skin.theta) and _tells_more(on_skin, plain)):
         return _about_its_own_center(plain)
     if has_layer(theta):
         return _about_its_own_center(on_skin)
     # Only now, for a post would be taken for skin that is bent enough.
-    bent = _settle(around, on_skin.theta, on_skin.prior, ceiling_hu, (on_skin.verdict, on_skin.used))
+    bent = _settle(around, on_skin.theta, on_skin.prior, (on_skin.verdict, on_skin.used))
     return bent if bent.converged else on_skin
 
 
 def refit(fit: BallFit, around: Neighbourhood) -> BallFit:
     """Fit a ball anew, from where ``fit`` came to rest, to voxels to which is given back why its contrast sloped."""
-    return _settle(around, fit.theta, fit.prior, fit.ceiling_hu, (fit.verdict, fit.used), slopes=False)
+    return _settle(around, fit.theta, fit.prior, (fit.verdict, fit.used), slopes=False)
 
 
 def _about_its_own_center(fit: BallFit) -> BallFit:
@@ -130,7 +124,7 @@ def _about_its_own_center(fit: BallFit) -> BallFit:
             break
         aside_mm = aside_mm + fit.aside_mm
         moved_hu = cavity_moved_hu(seen, fit.theta, fit.prior.layer_mm, aside_mm)
-        again = _settle(seen.given_back(-moved_hu, fit.ceiling_hu), fit.theta, fit.prior, fit.ceiling_hu)
+        again = _settle(seen.given_back(-moved_hu), fit.theta, fit.prior)
         if not again.converged:
             break
         fit = again
@@ -147,7 +141,7 @@ def _of_either_kernel(fit: BallFit, around: Neighbourhood) -> BallFit:
     theta[BLUR] *= (1.0 + OVERSHOOTING) / (1.0 + fit.theta[EDGE])  # a straight edge's slope is (1 + edge) / blur
     if not fit.converged or fit.theta[EDGE] > LONG_TAILS or theta[BLUR] > SHARP_MM:
         return fit
-    other = _settle(around.select(_near(around, theta)), theta, fit.prior, fit.ceiling_hu)
+    other = _settle(around.select(_near(around, theta)), theta, fit.prior)
     return other if other.converged and _is_nearer(other, fit, around) else fit
 
 
@@ -156,10 +150,10 @@ def _is_nearer(one: BallFit, other: BallFit, around: Neighbourhood) -> bool:
 
     By its own directions alone, a fit that does without those it cannot explain would seem the better.
     """
-    thetas, layer_mm, ceiling_hu = (one.theta, other.theta), one.prior.layer_mm, one.ceiling_hu
-    told = np.any([judge_directions(around, theta, layer_mm, ceiling_hu)[1] for theta in thetas], axis=0)
+    thetas, layer_mm = (one.theta, other.theta), one.prior.layer_mm
+    told = np.any([judge_directions(around, theta, layer_mm)[1] for theta in thetas], axis=0)
     seen = around.select(told)
-    left = [residuals_and_jacobian(seen, theta, layer_mm, ceiling_hu)[0] for theta in thetas]
+    left = [residuals_and_jacobian(seen, theta, layer_mm)[0] for theta in thetas]
     return bool(left[0] @ left[0] < left[1] @ left[1])
 
 
@@ -188,7 +182,6 @@ def _settle(
     around: Neighbourhood,
     theta: FloatArray,
     prior: Prior,
-    ceiling_hu: float,
     judged: Judged | None = None,
     *,
     slopes: bool = True,
@@ -198,12 +191,12 @@ def _settle(
 
     The first choice is ``judged``, or that of ``theta``.
     """
-    verdict, used = judged or judge_directions(around, theta, prior.layer_mm, ceiling_hu)
+    verdict, used = judged or judge_directions(around, theta, prior.layer_mm)
     previous = np.empty(0, dtype=np.int8)
     converged = True
     for number in range(MAX_ROUNDS):
         if number > 0:
-            verdict, used = judge_directions(around, theta, prior.layer_mm, ceiling_hu)
+            verdict, used = judge_directions(around, theta, prior.layer_mm)
         is_no_ball = number > 0 and verdict.round_share < HOPELESS_ROUND
         if is_no_ball or _is_hopeless(theta, verdict, prior) or used.sum() < LEAST_VOXELS * len(theta):
             converged = False
@@ -212,27 +205,27 @@ def _settle(
         previous = verdict.state
         some = around.select(used)
         if number > 0:
-            theta, converged = descend(some, theta, prior, ceiling_hu)
+            theta, converged = descend(some, theta, prior)
         else:
-            theta, converged = _first_descent(around, some, theta, prior, ceiling_hu)
-    return fit_at(around, theta, prior, verdict, used, ceiling_hu, converged=converged, slopes=slopes, bends=bends)
+            theta, converged = _first_descent(around, some, theta, prior)
+    return fit_at(around, theta, prior, verdict, used, converged=converged, slopes=slopes, bends=bends)
 
 
 def _first_descent(
-    around: Neighbourhood, some: Neighbourhood, theta: FloatArray, prior: Prior, ceiling_hu: float
+    around: Neighbourhood, some: Neighbourhood, theta: FloatArray, prior: Prior
 ) -> tuple[FloatArray, bool]:
     """Descend by ``some`` of the voxels ``around``, no farther than the beginning where that shows no ball."""
-    soon, is_at_rest, damping = go_on(some, theta, FIRST_DAMPING, prior, ceiling_hu, BEGIN)
-    if is_at_rest or judge_directions(around, soon, prior.layer_mm, ceiling_hu)[0].round_share < HOPELESS_SOON:
+    soon, is_at_rest, damping = go_on(some, theta, FIRST_DAMPING, prior, BEGIN)
+    if is_at_rest or judge_directions(around, soon, prior.layer_mm)[0].round_share < HOPELESS_SOON:
         return soon, is_at_rest
-    return go_on(some, soon, damping, prior, ceiling_hu, REST)[:2]
+    return go_on(some, soon, damping, prior, REST)[:2]
 
 
-def _settle_on_skin(around: Neighbourhood, theta: FloatArray, prior: Prior, ceiling_hu: float) -> BallFit:
+def _settle_on_skin(around: Neighbourhood, theta: FloatArray, prior: Prior) -> BallFit:
     """Settle on a guessed skin, whose level and place are fitted before directions are judged by them."""
     near = around.select(within_reach(*edge_depth(around.offsets_mm, theta)))
-    theta, _ = descend(near, theta, prior, ceiling_hu)
-    return _settle(around, theta, prior, ceiling_hu, bends=False)
+    theta, _ = descend(near, theta, prior)
+    return _settle(around, theta, prior, bends=False)
 
 
 def _is_hopeless(theta: FloatArray, verdict: Verdict, prior: Prior) -> bool:

@@ -64,7 +64,6 @@ class Candidate:
     few: NDArray[np.bool_]
     start: FloatArray
     prior: Prior
-    ceiling_hu: float
 
     def first_look(self) -> Look:
         """Let the center find its place with the shape held, from every guess."""
@@ -74,14 +73,14 @@ class Candidate:
     def steady_look(self) -> Look | None:
         """Look by the directions alone that agree with the first guess, before an even background; None if no ball."""
         start, prior, some = self.start, self.prior, self.dimmed.select(self.few)
-        verdict, agreeing = judge_directions(self.around.select(self.few), start, prior.layer_mm, self.ceiling_hu)
+        verdict, agreeing = judge_directions(self.around.select(self.few), start, prior.layer_mm)
         if (
             verdict.usual_rms_hu > HOPELESS_MISFIT * start[CONTRAST]
             or np.mean(verdict.state == 1) < LEAST_AGREEING
         ):
             return None
-        theta, _ = descend(some.select(agreeing), start, steady(prior, start), self.ceiling_hu, LOOK)
-        told = judge_directions(self.around, theta, prior.layer_mm, self.ceiling_hu)
+        theta, _ = descend(some.select(agreeing), start, steady(prior, start), LOOK)
+        told = judge_directions(self.around, theta, prior.layer_mm)
         return (theta, told) if told[0].round_share >= HOPELESS_ROUND else None
 
     def free_look(self, look: Look) -> Look:
@@ -100,8 +99,8 @@ class Candidate:
         return look if is_hopeless else candidate._freed_look(look)
 
     def _held_look(self, theta: FloatArray) -> Look:
-        theta, _ = descend(self.dimmed.select(self.few), theta, frozen(self.prior, theta), self.ceiling_hu, LOOK)
-        return theta, judge_directions(self.around, theta, self.prior.layer_mm, self.ceiling_hu)
+        theta, _ = descend(self.dimmed.select(self.few), theta, frozen(self.prior, theta), LOOK)
+        return theta, judge_directions(self.around, theta, self.prior.layer_mm)
 
     def _freed_look(self, look: Look) -> Look:
         """Free the shape, which a ``look`` held; a wrong shape leaves out too many directions.
@@ -113,11 +112,9 @@ class Candidate:
         held, before = look
 
         def freed(voxels: NDArray[np.bool_]) -> Look:
-            theta, _ = descend(self.dimmed.select(voxels), held, self.prior, self.ceiling_hu, LOOK)
+            theta, _ = descend(self.dimmed.select(voxels), held, self.prior, LOOK)
             is_given_up = is_no_marker(theta, self.prior.mean)  # then what was told last will do
-            return theta, before if is_given_up else judge_directions(
-                self.around, theta, self.prior.layer_mm, self.ceiling_hu
-            )
+            return theta, before if is_given_up else judge_directions(self.around, theta, self.prior.layer_mm)
 
         theta, told = freed(self.few)
         misfit = before[0].usual_rms_hu / held[CONTRAST]
@@ -130,15 +127,13 @@ class Candidate:
         return (other, other_told) if other_told is not before and is_ball and is_rounder else (theta, told)
 
 
-def candidate_of(
-    around: Neighbourhood, diameter_mm: float, build: Build, thickness_mm: float, ceiling_hu: float
-) -> Candidate:
+def candidate_of(around: Neighbourhood, diameter_mm: float, build: Build, thickness_mm: float) -> Candidate:
     """Return what may be a ball of about ``diameter_mm`` in the voxels ``around``, as `refine.fit_ball` is told."""
-    start = first_guess(around, diameter_mm, build, thickness_mm, ceiling_hu)
-    prior = ball_prior(start, build, is_clipped=start[CONTRAST] + start[BACKGROUND] > ceiling_hu)
+    start = first_guess(around, diameter_mm, build, thickness_mm)
+    prior = ball_prior(start, build, is_clipped=start[CONTRAST] + start[BACKGROUND] > around.ceiling_hu)
     few = _thinned(len(around.values_hu))
     # What is brighter than the ball (an insert, a screw) must not draw the first fit to itself.
-    return Candidate(around, _dimmed(around, start, 1.0), few, start, prior, ceiling_hu)
+    return Candidate(around, _dimmed(around, start, 1.0), few, start, prior)
 
 
 def is_astray(look: Look) -> bool:

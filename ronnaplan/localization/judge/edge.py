@@ -74,7 +74,7 @@ class Edge:
             step = np.zeros(len(fit.theta))
             step[axis] = STEP_MM
             ahead, behind = (
-                residuals_and_jacobian(around, fit.theta + side * step, fit.prior.layer_mm, fit.ceiling_hu)[1][
+                residuals_and_jacobian(around, fit.theta + side * step, fit.prior.layer_mm)[1][
                     :, CENTER
                 ].copy()  # the other columns are not held
                 for side in (1.0, -1.0)

@@ -25,7 +25,7 @@ def fit_by_part(fit: BallFit, around: Neighbourhood, part: NDArray[np.bool_]) ->
     """Return the fit of a ball by a ``part`` (N,) of the voxels ``around`` alone; None where they are too few."""
     if np.count_nonzero(part) < LEAST_VOXELS * len(fit.theta):
         return None
-    theta, converged = descend(around.select(part), fit.theta, fit.prior, fit.ceiling_hu)
+    theta, converged = descend(around.select(part), fit.theta, fit.prior)
     slopes = fit.made_good_mm is None
-    alone = fit_at(around, theta, fit.prior, fit.verdict, part, fit.ceiling_hu, converged=converged, slopes=slopes)
+    alone = fit_at(around, theta, fit.prior, fit.verdict, part, converged=converged, slopes=slopes)
     return alone if alone.converged else None

@@ -91,7 +91,7 @@ def without_the_head(volume: CTVolume, fit: BallFit, wanted: MadeGood) -> BallFi
     for _ in range(ROUNDS):
         before = share
         whole_hu, share = _lost_hu(beside, fit, rows_hu, before)
-        again = refit(fit, seen.given_back(whole_hu, fit.ceiling_hu))
+        again = refit(fit, seen.given_back(whole_hu))
         if not again.converged:
             break
         fit = replace(again, made_good_mm=again.center_mm - before_mm)

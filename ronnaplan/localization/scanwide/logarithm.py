@@ -78,9 +78,7 @@ def told_by(scan: Scan, one: Examined) -> Told | None:
     fit = fit_place(scan, one.center_mm, one.stated_mm, made_good=MadeGood.BUT_ROWS)
     if not fit.converged or fit.is_clipped:
         return None
-    residuals_hu, jacobian = residuals_and_jacobian(
-        fit.neighbourhood, fit.theta, fit.prior.layer_mm, fit.ceiling_hu
-    )
+    residuals_hu, jacobian = residuals_and_jacobian(fit.neighbourhood, fit.theta, fit.prior.layer_mm)
     seen = np.column_stack([lost_to_summing_hu(scan.volume, fit), residuals_hu])[fit.used]
     by_other_balls = jacobian[fit.used]
     # The model is all but linear in so little; a second fit would leave other directions out, which changes more.

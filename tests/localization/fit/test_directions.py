@@ -26,7 +26,7 @@ def test_voxels_on_the_surface_agree_where_no_post_stands_and_none_does_far_away
     volume = scan(Scene((*balls([(0.0, 0.0, 0.0)]).parts, *POST.parts)), small_stack())
     fit = fit_place(Scan(volume), np.array([0.2, -0.1, 0.2]), 2 * RADIUS_MM)
     around = fit.neighbourhood
-    _, agreeing = judge_directions(around, fit.theta, fit.prior.layer_mm, fit.ceiling_hu)
+    _, agreeing = judge_directions(around, fit.theta, fit.prior.layer_mm)
     offsets_mm = around.offsets_mm - fit.theta[CENTER]
     far_mm = np.linalg.norm(offsets_mm, axis=1)
     is_on_surface = np.abs(far_mm - RADIUS_MM) < NEAR_MM

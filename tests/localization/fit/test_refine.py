@@ -60,7 +60,7 @@ def test_what_is_neither_at_rest_nor_round_after_the_first_steps_is_not_pursued(
     efforts = []
 
     def noting(*given):  # type: ignore[no-untyped-def]
-        efforts.append(given[4] if len(given) > 4 else WHOLE)
+        efforts.append(given[3] if len(given) > 3 else WHOLE)
         return descend(*given)
 
     def noting_on(*given):  # type: ignore[no-untyped-def]
@@ -89,8 +89,8 @@ def test_a_fit_that_comes_to_a_sphere_beside_its_candidate_starts_anew_there() -
 def test_the_first_steps_are_those_of_the_whole_descent() -> None:
     volume = scan(balls([(0.3, 0.2, 1.0)]), small_stack())
     around = gather(volume, np.array([0.3, 0.2, 1.0]), 10.0, volume.grid.axes)
-    start = first_guess(around, 11.5, SOLID, 1.0, np.inf)
-    given = around, start, ball_prior(start, SOLID, is_clipped=False), np.inf
+    start = first_guess(around, 11.5, SOLID, 1.0)
+    given = around, start, ball_prior(start, SOLID, is_clipped=False)
     whole, soon = descend(*given), descend(*given, BEGIN)
     assert whole[1]
     assert soon[1]
@@ -107,16 +107,16 @@ def at_rest() -> tuple[Neighbourhood, FloatArray, Prior]:
     """Voxels about a ball, the parameters at which their descent comes to rest, and what was known before."""
     volume = scan(balls([(0.3, 0.2, 1.0)]), small_stack())
     around = gather(volume, np.array([0.3, 0.2, 1.0]), 10.0, volume.grid.axes)
-    start = first_guess(around, 11.5, SOLID, 1.0, np.inf)
+    start = first_guess(around, 11.5, SOLID, 1.0)
     prior = ball_prior(start, SOLID, is_clipped=False)
-    return around, descend(around, start, prior, np.inf)[0], prior
+    return around, descend(around, start, prior)[0], prior
 
 
 def test_a_step_that_went_too_far_is_not_tried_again_at_the_same_length() -> None:
     around, theta, prior = at_rest()
     aside = theta.copy()
     aside[BLUR] = 0.8
-    again, is_at_rest, _ = go_on(around, aside, LEAST_DAMPING, prior, np.inf, Effort(8, 0.0, 0.0))
+    again, is_at_rest, _ = go_on(around, aside, LEAST_DAMPING, prior, Effort(8, 0.0, 0.0))
     assert is_at_rest
     assert np.abs(again - theta)[CENTER].max() < 1e-4
 
@@ -131,7 +131,7 @@ def test_what_is_at_rest_is_held_against_the_voxels_only_once(monkeypatch: pytes
 
     monkeypatch.setattr(descent, "_equations", counting)
     monkeypatch.setattr(descent, "_descend", getattr(descent._descend, "py_func", descent._descend))
-    again, is_at_rest = descend(around, theta, prior, np.inf)
+    again, is_at_rest = descend(around, theta, prior)
     assert is_at_rest
     assert np.array_equal(again, theta)
     assert len(asked) == 1
@@ -140,8 +140,8 @@ def test_what_is_at_rest_is_held_against_the_voxels_only_once(monkeypatch: pytes
 def test_what_turns_out_to_be_of_another_size_is_given_up_on_the_way_there() -> None:
     volume = scan(balls([(0.3, 0.2, 1.0)], diameter_mm=14.0), small_stack())
     around = gather(volume, np.array([0.3, 0.2, 1.0]), 10.0, volume.grid.axes)
-    start = first_guess(around, 11.5, SOLID, 1.0, np.inf)
-    theta, is_at_rest = descend(around, start, ball_prior(start, SOLID, is_clipped=False), np.inf)
+    start = first_guess(around, 11.5, SOLID, 1.0)
+    theta, is_at_rest = descend(around, start, ball_prior(start, SOLID, is_clipped=False))
     assert abs(2.0 * theta[RADIUS] - 11.5) > HOPELESS_SIZE * 11.5
     assert not is_at_rest  # left to itself, it would come to rest as the ball that is there
 

@@ -113,7 +113,8 @@ def test_a_contrast_beyond_zirconias_is_no_markers(fit: BallFit) -> None:
 
 def test_what_ends_from_one_voxel_to_the_next_was_pasted_in(fit: BallFit) -> None:
     within = changed(changed(fit, BLUR, 0.3 * fit.neighbourhood.pixel_mm), WIDTH, 0.02)
-    steep = replace(within, ceiling_hu=float(fit.neighbourhood.values_hu[fit.used].max()))
+    around = fit.neighbourhood
+    steep = replace(within, neighbourhood=replace(around, ceiling_hu=float(around.values_hu[fit.used].max())))
     reason = TESTS["blur"](evidence(steep))
     assert reason is not None
     assert reason.startswith(
@@ -125,7 +126,7 @@ def test_what_ends_from_one_voxel_to_the_next_was_pasted_in(fit: BallFit) -> Non
 
 def test_a_fit_that_no_voxel_informed_is_turned_down(fit: BallFit) -> None:
     nothing = np.zeros(len(fit.used), dtype=np.bool_)
-    empty = fit_at(fit.neighbourhood, fit.theta, fit.prior, fit.verdict, nothing, np.inf, converged=False)
+    empty = fit_at(fit.neighbourhood, fit.theta, fit.prior, fit.verdict, nothing, converged=False)
     assert len(empty.neighbourhood.values_hu) == 0
     assert "converged" in dict(failures(Evidence(empty, 11.5, 1.0, 1.0, 10.0, 0.0, volume())))
 
