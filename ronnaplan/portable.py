@@ -35,7 +35,7 @@ _SEEKING = threading.Lock()
 
 def read_at(descriptor: int, count: int, offset: int) -> bytes:
     """Return up to ``count`` bytes from ``offset`` of an open file, whatever other threads read of it."""
-    if hasattr(os, "pread"):
+    if sys.platform != "win32":
         return os.pread(descriptor, count, offset)
     with _SEEKING:
         os.lseek(descriptor, offset, os.SEEK_SET)
@@ -68,13 +68,13 @@ def reserve(descriptor: int, count: int) -> None:
 
 def give_back(room: mmap.mmap) -> None:
     """Hold the pages of a mapped file no longer, until they are touched; Windows does so by itself alone."""
-    if hasattr(mmap, "MADV_DONTNEED"):
+    if sys.platform != "win32":
         room.madvise(mmap.MADV_DONTNEED)
 
 
 def hold_singly(room: mmap.mmap) -> None:
     """Hold of a mapped file the pages that are touched, not the megabytes around each; Windows does so by itself."""
-    if hasattr(mmap, "MADV_RANDOM"):
+    if sys.platform != "win32":
         room.madvise(mmap.MADV_RANDOM)
 
 
@@ -97,7 +97,8 @@ def give_back_code() -> None:
 def _as_in_files() -> list[tuple[int, int]]:
     """Return where files lie that cannot be written and never were: addresses are put into the rest of a library."""
     found = []
-    for part in re.split(r"^(?=[0-9a-f]+-)", Path("/proc/self/smaps").read_text(), flags=re.MULTILINE)[1:]:
+    told = Path("/proc/self/smaps").read_text(encoding="utf-8", errors="replace")  # paths are in any encoding
+    for part in re.split(r"^(?=[0-9a-f]+-)", told, flags=re.MULTILINE)[1:]:
         place, access, _, _, inode = part.split(maxsplit=5)[:5]
         if "w" not in access and inode != "0" and re.search(r"^Anonymous: +0 kB$", part, re.MULTILINE):
             begin, end = (int(one, 16) for one in place.split("-"))

@@ -38,6 +38,8 @@ POSIX = frozenset(
     }
 )
 """Names of `os` that Windows lacks (https://docs.python.org/3/library/os.html, "Availability")."""
+METHODS = frozenset({"madvise"})
+"""Of objects that `mmap` makes, which Windows lacks."""
 MODULES = frozenset({"fcntl", "grp", "pty", "pwd", "resource", "termios"})
 PACKAGE = Path(files.__file__).parents[1]
 
@@ -72,6 +74,8 @@ def test_only_one_module_names_what_only_posix_has() -> None:
     named = []
     for path in PACKAGE.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Attribute) and node.attr in METHODS:
+                named += [f"{path.name}: {node.attr}"] * (path.name != "portable.py")
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "os":
                 named += [f"{path.name}: os.{node.attr}"] * (node.attr in POSIX and path.name != "portable.py")
             elif isinstance(node, ast.Import | ast.ImportFrom):

@@ -192,10 +192,16 @@ def _file(named: object) -> tuple[int, int] | None:
 
 
 def _let_any_text_out() -> None:
-    """Replace what the terminal's encoding lacks (a table's symbols, say) instead of failing."""
+    """Replace what a terminal's encoding lacks (a table's symbols, say) instead of failing.
+
+    Standard output that goes into a file or to a program is UTF-8, as what ``-o`` writes, unless its encoding was asked
+    for: Windows would take the letters of a region, and other ends of lines.
+    """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
+    if isinstance(sys.stdout, io.TextIOWrapper) and not (sys.stdout.isatty() or "PYTHONIOENCODING" in os.environ):
+        sys.stdout.reconfigure(encoding="utf-8", errors="replace", newline="\n")
 
 
 def command_parser(names: Iterable[str] = VERBS) -> argparse.ArgumentParser:

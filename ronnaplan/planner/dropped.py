@@ -15,8 +15,14 @@ from ronnaplan.text import printable
 
 PREFIX = ".dropped-"
 
-NAME = re.compile(r"[\w ()+,=@-][\w. ()+,=@-]{0,119}", re.ASCII)
-"""A name that every file system takes, and none for anything but a plain file."""
+LONGEST_NAME = 120
+"""Characters that are kept of a name: its last ones, for the ending tells an archive or image."""
+
+STRANGE = re.compile(r"[^\w. ()+,=@-]|^\.|[. ]$", re.ASCII)
+"""What not every file system takes in a name, or takes for something else: Windows drops a dot or blank at the end."""
+
+DEVICE = re.compile(r"(con|prn|aux|nul|(com|lpt)\d) *(\.|$)", re.ASCII | re.IGNORECASE)
+"""How names begin that mean no file on Windows."""
 
 DEEPEST = 12
 """Folders in which a dropped file may lie."""
@@ -47,6 +53,8 @@ class Dropped:
             raise InputError(f"more than {self._limits.files} files were dropped; drop a narrower folder")
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
+            if target.exists():  # of a name that differs in what is not kept of it, or in capitals
+                target = target.with_name(f"{self._count}-{target.name}")
             with target.open("xb") as stream:
                 size = 0
                 async for piece in pieces:
@@ -102,7 +110,13 @@ def _parts(name: str) -> list[str]:
     parts = [part for part in name.split("/") if part not in ("", ".")]
     if not 0 < len(parts) <= DEEPEST or any(part == ".." for part in parts):
         raise UsageError(f"'{printable(name, 100)}' is no name of a file; drop a folder or a zip archive")
-    return [part if NAME.fullmatch(part) else re.sub(r"[^\w-]", "_", part, flags=re.ASCII)[:120] for part in parts]
+    return [_plain(part) for part in parts]
+
+
+def _plain(part: str) -> str:
+    """Return a name that every file system takes, and none for anything but a plain file."""
+    name = STRANGE.sub("_", part[-LONGEST_NAME:])
+    return f"_{name}" if DEVICE.match(name) else name
 
 
 def _suffix(path: Path) -> str:

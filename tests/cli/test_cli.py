@@ -15,6 +15,7 @@ import pytest
 
 from ronnaplan.cli import command_parser, main, parse
 from ronnaplan.text import NOTICE
+from tests import cases
 from tests.cli.calls import run
 from tests.long import few_and_others
 
@@ -317,3 +318,22 @@ def test_a_reader_that_goes_away_is_no_error(ct_folder: Path) -> None:
     call = f"{sys.executable} -m ronnaplan series {ct_folder} --json | true; echo ${{PIPESTATUS[0]}}"
     done = subprocess.run(["bash", "-c", call], cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.stdout.strip(), done.stderr) == ("0", "")
+
+
+@pytest.mark.parametrize(("asked", "encoding"), [({}, "utf-8"), ({"PYTHONIOENCODING": "cp1252"}, "cp1252")])
+def test_what_is_redirected_is_utf8_whatever_the_terminal_takes(
+    tmp_path: Path, asked: dict[str, str], encoding: str
+) -> None:
+    path = cases.write_case(tmp_path) / "fiducials.json"
+    label = cases.fiducials().fiducials[0].label
+    path.write_text(path.read_text().replace(f'"{label}"', '"Jochbögen"'), encoding="utf-8")
+    of_a_region = {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}  # as Windows has them
+    done = subprocess.run(
+        [sys.executable, "-m", "ronnaplan", "export", str(path), "--to", "csv"],
+        cwd=ROOT,
+        env={**os.environ, **of_a_region, **asked},
+        capture_output=True,
+        check=True,
+    )
+    assert "Jochbögen" in done.stdout.decode(encoding)
+    assert b"\r" not in done.stdout
