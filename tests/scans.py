@@ -71,3 +71,9 @@ def bent(still: CTVolume, harmonic: str, by_mm: float) -> CTVolume:
     frequency = across if order == "across" else np.hypot(down, along)
     spectrum = fft.fftn(still.voxels_hu.astype(np.float64)) * np.exp(-2j * np.pi * frequency * far_mm)
     return replace(still, voxels_hu=np.asarray(fft.ifftn(spectrum).real, dtype=np.float32))
+
+
+def two_sizes() -> Scene:
+    """Return four balls of 9 mm, and three of 6 mm beside them."""
+    many = balls([(x, y, 0.0) for x in (-16.0, 0.0) for y in (-8.0, 8.0)], 9.0)
+    return many + balls([(16.0, y, 0.0) for y in (-14.0, 0.0, 14.0)], 6.0)

@@ -202,11 +202,10 @@ def _localized(volume: CTVolume, wanted: _Wanted, report: str | None) -> Fiducia
 
 def _common_diameter(volume: CTVolume, wanted: _Wanted) -> float:
     """Return the commonest diameter, and warn of other sets of balls where no number says which one is meant."""
-    from ronnaplan.localization.size import common_sizes, proposal
+    from ronnaplan.localization.size import common_sizes, told_of_others
 
     sizes = common_sizes(volume, wanted.expected, wanted.build, progress=True)
-    if len(sizes) > 1 and wanted.expected is None:
-        warn(f"balls of {sizes[0].diameter_mm:.2f} mm are taken, the commonest; {proposal(sizes)}")
+    warn(*told_of_others(sizes, wanted.expected))
     return sizes[0].diameter_mm
 
 

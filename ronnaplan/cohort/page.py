@@ -134,7 +134,7 @@ def _worst(summary: Summary, out: Path) -> list[str]:
     shown = [_sheet(row, out) for row in summary.worst_first]
     if not shown:
         return []
-    text = "Refused first, then markers missed, phantoms that do not pass, the worst fits."
+    text = "Refused first, then markers missed, warnings and phantoms that do not pass, the worst fits."
     return [section("Sheets to look at first", [element("p", text, "note"), *shown])]
 
 

@@ -126,7 +126,7 @@ def badness(row: Row) -> tuple[float, ...]:
     return (
         float(row["state"] != DONE),
         float(missed),
-        float(bool(row.get("phantom_reasons"))),
+        float(bool(row.get("phantom_reasons") or row["reason"])),
         float(row.get("misfit") or 0.0),
     )
 

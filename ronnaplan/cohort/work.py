@@ -137,11 +137,11 @@ def _localized(volume: CTVolume, wanted: _Wanted) -> dict[str, Any]:
     from ronnaplan.jobs.localizing import find_markers
     from ronnaplan.localization.localizer import require_count
 
-    found = find_markers(volume, wanted.rule, wanted.template)
+    found, warnings = find_markers(volume, wanted.rule, wanted.template)
     document = fiducials_document(found)
     told: dict[str, Any] = {
         "state": DONE,
-        "reason": "",
+        "reason": "; ".join(warnings),
         "found": len(found),
         "expected": wanted.rule.expected,
         "markers": _markers(document),

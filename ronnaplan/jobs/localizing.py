@@ -15,20 +15,20 @@ WARMING_BALL_MM = 11.5
 """Diameter of the ball that is found before there is a scan."""
 
 
-def find_markers(volume: CTVolume, rule: ScanRule, template: Template | None) -> Fiducials:
-    """Find the markers of ``rule``, whose ``template`` was read, whatever their number.
+def find_markers(volume: CTVolume, rule: ScanRule, template: Template | None) -> tuple[Fiducials, tuple[str, ...]]:
+    """Find the markers of ``rule``, whose ``template`` was read, whatever their number; warn of other sizes of balls.
 
     Raises `RonnaplanError` where the scan allows no answer.
     """
-    from ronnaplan.localization import Build, common_diameter, localize
+    from ronnaplan.localization import Build, localize
+    from ronnaplan.localization.size import common_sizes, told_of_others
 
     marker = Build.parse(rule.marker)
-    return localize(
-        volume,
-        diameter_mm=rule.diameters or common_diameter(volume, rule.expected, marker),
-        template=template,
-        marker=marker,
-    )
+    if rule.diameters:
+        return localize(volume, diameter_mm=rule.diameters, template=template, marker=marker), ()
+    sizes = common_sizes(volume, rule.expected, marker)
+    found = localize(volume, diameter_mm=sizes[0].diameter_mm, template=template, marker=marker)
+    return found, told_of_others(sizes, rule.expected)
 
 
 def warm_up() -> tuple[CTVolume, Fiducials]:

@@ -127,6 +127,13 @@ def proposal(sizes: Iterable[Size]) -> str:
     return f"seen: {', '.join(map(str, seen))}: try {' or '.join(f'--diameter {one}' for one in tries)}{both}"
 
 
+def told_of_others(sizes: Sequence[Size], expected: int | None) -> tuple[str, ...]:
+    """Return a warning where no number said that the first of ``sizes`` is meant, as `common_sizes` gave them."""
+    if len(sizes) < 2 or expected is not None:
+        return ()
+    return (f"balls of {sizes[0].diameter_mm:.2f} mm are taken, the commonest; {proposal(sizes)}",)
+
+
 def _sizes(
     volume: CTVolume,
     marker: Build,

@@ -134,7 +134,7 @@ def _gather(
     order: Order, images: list[Path], wanted: Sequence[AnswerKind], tell: Tell, scratch: Scratch
 ) -> tuple[str, dict[str, Callable[[], FileDataset]]]:
     """Return what was found, and what makes the answers but for the first, which is made at once."""
-    volume, fiducials = _find(order, scratch)
+    volume, fiducials, warnings = _find(order, scratch)
     load_pydicom()
     from ronnaplan.documents.fiducials import fiducials_document
     from ronnaplan.node.received import patient_received
@@ -155,7 +155,7 @@ def _gather(
     if "pdf" in wanted:
         with _left_out(order, "pdf", tell):
             makers["pdf"] = partial(_report, drafted(Case(volume=volume, fiducials=document)), found)
-    return "; ".join([counted(len(fiducials), "marker"), *volume.flags]), makers
+    return "; ".join([counted(len(fiducials), "marker"), *volume.flags, *warnings]), makers
 
 
 def _papers(order: Order) -> dict[str, Path]:
@@ -198,8 +198,8 @@ def _left_out(order: Order, kind: str, tell: Tell) -> Iterator[None]:
         tell("left out", job=order.job, answer=kind, reason=str(error))
 
 
-def _find(order: Order, scratch: Scratch) -> tuple[CTVolume, Fiducials]:
-    """Return the scan and its markers; raises `RonnaplanError` where there are none, or another number."""
+def _find(order: Order, scratch: Scratch) -> tuple[CTVolume, Fiducials, tuple[str, ...]]:
+    """Return scan, markers and warnings of these; raises `RonnaplanError` where there are none, or another number."""
     from ronnaplan.documents.template import read_template
     from ronnaplan.jobs.localizing import find_markers
     from ronnaplan.localization.localizer import require_count
@@ -208,11 +208,11 @@ def _find(order: Order, scratch: Scratch) -> tuple[CTVolume, Fiducials]:
     rule = order.rule
     volume = read_received(order.folder, scratch)
     template = None if rule.template is None else read_template(order.home / rule.template)
-    found = find_markers(volume, rule, template)
+    found, warnings = find_markers(volume, rule, template)
     require_count(found, rule.expected)
     if not len(found):
         raise RefusedError(f"no marker was found; {counted(len(found.rejected), 'candidate')} rejected")
-    return volume, found
+    return volume, found, warnings
 
 
 def _fiducials(found: Markers) -> FileDataset:

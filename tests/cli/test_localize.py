@@ -12,7 +12,7 @@ from phantoms.fast import render
 from phantoms.output import write_phantom
 from ronnaplan.cli import main
 from tests.cli.calls import run
-from tests.scans import balls, small_stack
+from tests.scans import balls, small_stack, two_sizes
 
 
 def test_localize_prints_the_document_and_nothing_else(
@@ -52,9 +52,7 @@ def test_another_set_of_balls_beside_the_commonest_is_told_of(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Four balls were taken for the markers without a word of three others; the number that is expected decides."""
-    many = balls([(x, y, 0.0) for x in (-16.0, 0.0) for y in (-8.0, 8.0)], 9.0)
-    few = balls([(16.0, y, 0.0) for y in (-14.0, 0.0, 14.0)], 6.0)
-    scene, stack = many + few, small_stack()
+    scene, stack = two_sizes(), small_stack()
     write_phantom(tmp_path / "ct", scene, stack, render(scene, stack, seed=1))
     call = ["localize", str(tmp_path / "ct"), "--diameter", "auto"]
     status, out, err = run(call, capsys)

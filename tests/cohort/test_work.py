@@ -14,11 +14,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from phantoms.fast import render
+from phantoms.output import write_phantom
 from ronnaplan import localize, read_ct
 from ronnaplan.cohort.index import Index
 from ronnaplan.cohort.listing import bring_up_to_date
 from ronnaplan.cohort.planning import decide, orders, tasks_of
 from ronnaplan.cohort.rules import CohortRule, Rules
+from ronnaplan.cohort.summary import badness
 from ronnaplan.cohort.work import work
 from ronnaplan.ct import reader
 from ronnaplan.documents.fiducials import fiducials_document
@@ -26,6 +29,7 @@ from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import InputError
 from tests.cohort.scans import CENTERS_MM, phantom
 from tests.ct.makers import write_series
+from tests.scans import small_stack, two_sizes
 
 TEMPLATE = {
     "format": "ronnaplan.template",
@@ -94,6 +98,20 @@ def test_a_phantom_s_truth_is_not_compared_with_the_scan_that_it_was_found_in(sc
     assert (part["state"], part["found"]) == ("refused", 4)
     assert "the truth 'phantom.json' was found in this very scan" in part["reason"]
     assert "checked" not in part
+
+
+def test_another_set_of_balls_beside_the_commonest_is_told_of_and_wants_looking_at(tmp_path: Path) -> None:
+    """Four balls were taken for the markers without a word of three others."""
+    scene, stack = two_sizes(), small_stack()
+    write_phantom(tmp_path / "in" / "scan", scene, stack, render(scene, stack, seed=1))
+    (one,) = told(tmp_path / "in", tmp_path, CohortRule(name="r"))
+    assert (one["state"], one["found"]) == ("done", 4)
+    assert one["reason"].startswith(
+        "balls of 9.00 mm are taken, the commonest; seen: 4 spheres of 9.00 mm, 3 spheres"
+    )
+    assert badness(one) > badness({**one, "reason": ""})
+    (one,) = told(tmp_path / "in", tmp_path, CohortRule(name="r", expected=3))
+    assert (one["found"], one["reason"]) == (3, "")
 
 
 def test_a_wrong_number_is_refused_with_its_sheet_and_no_ct_is_unusable(scan: Path, tmp_path: Path) -> None:

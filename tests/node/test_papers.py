@@ -16,9 +16,10 @@ from pydicom import dcmread
 from ronnaplan.ct import VolumeFlag, read_ct
 from ronnaplan.documents.plan import write_plan
 from ronnaplan.errors import RefusedError
+from ronnaplan.jobs import localizing
 from ronnaplan.jobs.localizing import warm_up
 from ronnaplan.node import papers as papers_module
-from ronnaplan.node import work
+from ronnaplan.node import received
 from ronnaplan.node.config import Rule
 from ronnaplan.node.index import Index
 from ronnaplan.node.logs import Log
@@ -134,7 +135,9 @@ def test_a_birth_date_that_is_none_keeps_no_answer_back_and_is_told_without_its_
         made.save_as(path)
     volume = dataclasses.replace(read_ct(order.folder), flags=(VolumeFlag.MISSING_SLICE,))
     found = warm_up()[1]
-    monkeypatch.setattr(work, "_find", lambda *_: (volume, dataclasses.replace(found, source=volume.source)))
+    markers = dataclasses.replace(found, source=volume.source)
+    monkeypatch.setattr(received, "read_received", lambda *_: volume)
+    monkeypatch.setattr(localizing, "find_markers", lambda *_: (markers, ("balls of 9.00 mm are taken",)))
     rule = Rule(name="r", answers=("fiducials", "sr"))
     lines = told(dataclasses.replace(order, rule=rule, have=()))
     answers = [dcmread(line["path"]) for line in lines if line["event"] == "answer"]
@@ -142,7 +145,9 @@ def test_a_birth_date_that_is_none_keeps_no_answer_back_and_is_told_without_its_
     (empty,) = (line["reason"] for line in lines if line["event"] == "left empty")
     assert "PatientBirthDate is none that DICOM knows, and is left empty" in empty
     assert "1970" not in empty
-    assert lines[-1]["reason"] == "1 marker; one or more slices are missing"  # which the status page shows
+    assert lines[-1]["reason"] == (
+        "1 marker; one or more slices are missing; balls of 9.00 mm are taken"  # which the status page shows
+    )
     later = told(order)  # of registration and plan
     assert [line["event"] for line in later] == ["left empty", "answer", "left empty", "answer", "ended"]
     assert {line["reason"] for line in later if line["event"] == "left empty"} == {empty}
