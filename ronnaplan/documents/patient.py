@@ -47,6 +47,8 @@ it is copied, as it is by this that an archive tells the study."""
 
 _MISSPELT = "Incorrect value for Specific Character Set .* assuming"
 """What it warns of where ``ISO_IR 100`` is written ``ISO IR 100``, which leaves no doubt."""
+_UNKNOWN_SET = "Unknown encoding|Value .* for Specific Character Set does not allow code extensions"
+"""What it warns of where nobody knows the character set, before it guesses letters. Without these it makes no odds."""
 
 
 class _Modules(NamedTuple):
@@ -121,9 +123,10 @@ def _modules(instance: Instance) -> _Modules:
         end = pixels.offset
     content = instance.blob.read(0, min(end, DEFAULT_LIMITS.header_bytes))
     copied, unknown = Dataset(), {}
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(record=True) as of_set:
         warnings.simplefilter("error")  # pydicom warns of values that are none, and keeps them
         warnings.filterwarnings("ignore", f"{_TOO_LONG}|{_MISSPELT}")
+        warnings.filterwarnings("always", _UNKNOWN_SET)
         try:
             given = dcmread(
                 io.BytesIO(content), force=True, stop_before_pixels=True, specific_tags=[*PATIENT, *STUDY]
@@ -134,6 +137,8 @@ def _modules(instance: Instance) -> _Modules:
             raw = given.get_item(keyword)
             try:
                 if raw is not None:
+                    if of_set and not _is_plain(raw.value):
+                        raise UnicodeError("letters of an unknown character set")
                     value = given.get(keyword)
                     setattr(copied, keyword, None if value is None else _as_it_stands(value))
             except Exception as error:
@@ -142,6 +147,11 @@ def _modules(instance: Instance) -> _Modules:
                 setattr(copied, keyword, None)
                 unknown[keyword] = raw.value
     return _Modules(copied, unknown)
+
+
+def _is_plain(raw: object) -> bool:
+    """Whether a value reads alike in all character sets."""
+    return not isinstance(raw, bytes) or (raw.isascii() and b"\x1b" not in raw)
 
 
 def _as_it_stands(value: object) -> str:

@@ -200,6 +200,35 @@ def test_words_in_another_character_set_than_is_stated_keep_no_object_back(tmp_p
     assert (made.PatientName, made.StudyDescription, made.ReferringPhysicianName) == ("Müller^Jörg", "", "")
 
 
+@pytest.mark.parametrize("unknown", ["ISO_IR 999", "ISO 2022 IR 999", "ISO_IR 192\\ISO_IR 100"])
+def test_an_unknown_character_set_costs_only_the_words_whose_letters_it_decides(
+    tmp_path: Path, unknown: str
+) -> None:
+    """It kept all objects back, of patients with plain names, too."""
+
+    def change(made: Dataset, k: int) -> None:
+        identify(made, k)
+        made.PatientName, made.StudyDescription = "Doe^Jane", "Schädel"
+
+    def restate(path: Path) -> None:
+        known = b"\x08\0\x05\0CS\x0a\0ISO_IR 100"
+        other = unknown.encode() + b" " * (len(unknown) % 2)
+        content = path.read_bytes()
+        assert known in content
+        path.write_bytes(content.replace(known, b"\x08\0\x05\0CS" + len(other).to_bytes(2, "little") + other))
+
+    plain, accented = (
+        makers.write_series(tmp_path / name, change=made) for name, made in (("a", change), ("b", identify))
+    )
+    for path in (*plain.iterdir(), *accented.iterdir()):
+        restate(path)
+    made = exported(document(tmp_path, "fiducials"), plain)
+    assert (made.PatientName, made.PatientID, made.StudyDescription) == ("Doe^Jane", "4711", "")
+    says = r"has a PatientName that cannot be copied \(letters of an unknown character set\); correct its header"
+    with pytest.raises(InputError, match=says):
+        exported(document(tmp_path, "fiducials"), accented)
+
+
 @pytest.mark.filterwarnings("ignore:The .* length:UserWarning")
 def test_names_and_numbers_that_are_too_long_are_copied_as_they_stand(tmp_path: Path) -> None:
     number, name = "2026010210111200047", "Müller" * 11
