@@ -134,7 +134,8 @@ def _interrupted_once() -> Iterator[None]:
     """After one Ctrl-C hear no other: to end takes a moment, and ended amidst that Dask leaves tracebacks."""
 
     def interrupt(*_: object) -> None:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        # not SIG_IGN: of a second one that came just before, Python would say that it was ignored
+        signal.signal(signal.SIGINT, lambda *_: None)
         raise KeyboardInterrupt
 
     is_heard = signal.getsignal(signal.SIGINT) is signal.default_int_handler

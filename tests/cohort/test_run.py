@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import select
 import signal
 import subprocess
 import sys
@@ -186,19 +187,33 @@ def test_a_run_that_is_interrupted_at_the_terminal_says_no_more_than_that(tmp_pa
     code = (
         "import pathlib, signal, sys\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # tests in the background ignore it
+        "handle = signal.signal\n"
+        "def handle_late(number, handler):\n"  # once no more are sent: one that comes after the end is heard again
+        "    if handler is signal.default_int_handler:\n"
+        "        print('ended', flush=True)\n"
+        "        sys.stdin.readline()\n"
+        "    return handle(number, handler)\n"
+        "signal.signal = handle_late\n"
         "from ronnaplan.cohort.cohort import run_cohort\n"
         "from ronnaplan.cohort.rules import Rules\n"
         f"try: run_cohort(['in'], pathlib.Path('out'), Rules(), module={FAKE!r}, workers=1)\n"
         "except KeyboardInterrupt: print('stopped', file=sys.stderr)"
     )
-    command = [sys.executable, "-c", code]
-    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
     while process.poll() is None and not log.read_text():
         time.sleep(0.05)
-    for _ in range(3):  # whoever is impatient
+    assert process.stdout is not None
+    while process.poll() is None and not select.select([process.stdout], [], [], 0.03)[0]:  # whoever is impatient
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all of its group
-        time.sleep(0.03)
-    assert process.communicate(timeout=60)[1] == "stopped\n"
+    assert process.communicate("\n", timeout=60) == ("ended\n", "stopped\n")
 
 
 def test_a_child_whose_parent_was_killed_ends_without_a_traceback(log: Path) -> None:

@@ -209,6 +209,16 @@ def test_what_the_planner_has_not_answered_yet_is_said_until_it_has(browser: Any
     page.keyboard.press("Escape")
 
 
+def test_a_planner_that_hangs_is_told_of_before_it_is_given_up(browser: Any, kept: Planner) -> None:
+    """It took three questions of 4 s each until a page said anything, whose planner did not answer."""
+    page = opened(browser, kept.url)
+    page.route(ASKED, lambda route: None)
+    page.wait_for_selector("#unanswered >> text=the planner does not answer yet")
+    assert not page.locator("#gone").count()
+    page.unroute(ASKED)
+    eventually(page, lambda: not page.locator("#unanswered").text_content())
+
+
 def test_what_takes_long_to_make_tells_for_how_long_and_is_made_once(browser: Any, kept: Planner) -> None:
     page = opened(browser, kept.url)
     asked: list[Any] = []

@@ -100,21 +100,26 @@
   }
 
   // Over a slow line, or by a crowded machine, an answer takes its time, until which nothing else shows that one clicked.
-  const SLOW_MS = 2000;
+  // A planner that hangs is told of here, too, though nothing was clicked: what stands in the way waits for sure ones.
+  const SLOW_MS = 2000, HUNG_MS = 3000;
+  let askedAt = NaN;
   function tellWaiting() {
-    const line = document.getElementById("unanswered"), asked = window.ronnaplanUntaken?.();
-    const text = performance.now() - asked > SLOW_MS ? "not answered yet ..." : "";
+    const line = document.getElementById("unanswered"), now = performance.now();
+    const isSlow = now - window.ronnaplanUntaken?.() > SLOW_MS, hangs = now - askedAt > HUNG_MS;
+    const text = isSlow ? "not answered yet ..." : hangs ? "the planner does not answer yet ..." : "";
     if (line && line.textContent !== text) line.textContent = text; // read out once, not at every look
   }
   setInterval(tellWaiting, ASK_MS / 2);
 
   async function ask() {
     const limit = AbortSignal.timeout(4 * ASK_MS); // one that is busy answers late
+    askedAt ||= performance.now();
     const status = await fetch("planner_page/planner.css", { method: "HEAD", cache: "no-store", signal: limit }).then(
       (answer) => answer.status,
       () => 0,
     );
     const there = status === 200;
+    if (status) askedAt = NaN;
     missed = there ? 0 : missed + 1;
     const gone = document.getElementById("gone");
     if (status === 404 || (there && (lost() || (gone && !(await hears()))))) return reload(); // 404: the start page took the planner's place
