@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import stat
 import zlib
 from collections.abc import Iterator
@@ -27,9 +28,12 @@ class DamagedError(InputError):
     """The file is of the right kind but broken."""
 
     def with_remedy(self, remedy: str) -> str:
-        """Return what was found and what to do; a sentence that says that itself, behind a semicolon, as it is."""
+        """Return what was found and what to do; a sentence that says that itself, behind a semicolon, as it is.
+
+        A semicolon between quotation marks is the file's.
+        """
         found = str(self)
-        return found if ";" in found else f"{found}; {remedy}"
+        return found if ";" in re.sub("'.*'", "", found) else f"{found}; {remedy}"
 
 
 class Blob(Protocol):

@@ -247,7 +247,7 @@ def _rescale(facts: Elements) -> tuple[float, float]:
     """Return slope and intercept to HU; refuses values whose unit is another, or unknown."""
     unit = text(facts, tags.RESCALE_TYPE).upper()
     if unit not in _HU_NAMES:
-        raise DamagedError(f"its values are in {unit}, not in Hounsfield units (HU)")
+        raise DamagedError(f"its values are in '{unit}', not in Hounsfield units (HU)")
     slope, intercept = numbers(facts, tags.RESCALE_SLOPE), numbers(facts, tags.RESCALE_INTERCEPT)
     if slope is None or intercept is None:
         raise DamagedError("it has no rescale slope and intercept, so its values are not Hounsfield units")

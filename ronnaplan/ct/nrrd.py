@@ -154,13 +154,13 @@ def _check_meaning(fields: dict[str, str]) -> None:
     refuse_uneven(fields.get(f"{UNEVEN_MM.lower()}:="))
     units = fields.get("space units", '"mm"' * 3)
     if not re.fullmatch(r'(\s*"mm"){3}\s*', units):
-        raise DamagedError(f'its space units are {printable(units, 60)}, expected "mm" three times')
+        raise DamagedError(f"its space units are '{printable(units, 60)}', expected \"mm\" three times")
     for name, harmless in _BESIDE_DIRECTIONS.items() if "space directions" in fields else ():
         if not harmless.issuperset(fields.get(name, "").lower().split()):
             raise DamagedError(f"it gives '{name}' beside its space directions, which the format forbids")
     values = fields.get("sample units", "").strip('" ')
     if values.lower() not in _HU:
-        raise DamagedError(f"its values are in {printable(values, 60)}, not in Hounsfield units (HU)")
+        raise DamagedError(f"its values are in '{printable(values, 60)}', not in Hounsfield units (HU)")
     for name in ("old min", "old max"):
         if fields.get(name, "nan").lower() != "nan":
             raise DamagedError(f"its values were quantized ('{name}'), so they are not Hounsfield units")
@@ -172,7 +172,7 @@ def _check_axes(fields: dict[str, str]) -> None:
     if others:
         raise DamagedError(f"its samples along an axis are '{printable(others[0], 60)}', not places in space")
     if fields.get("space dimension", "3") != "3":
-        raise DamagedError(f"its space has {printable(fields['space dimension'], 60)} dimensions, expected 3")
+        raise DamagedError(f"its space has '{printable(fields['space dimension'], 60)}' dimensions, expected 3")
 
 
 def _dtype(fields: dict[str, str]) -> np.dtype[np.generic]:

@@ -55,7 +55,7 @@ def test_a_localizer_within_the_series_is_set_apart(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("keyword", "value", "reason"),
     [
-        ("RescaleType", "HU_MOD", "its values are in HU_MOD"),
+        ("RescaleType", "HU_MOD", "its values are in 'HU_MOD'"),
         ("RescaleSlope", None, "no rescale slope and intercept"),
         ("RescaleSlope", 0, "cannot be right"),
         ("RescaleIntercept", 1e9, "cannot be right"),
