@@ -112,6 +112,8 @@ def as_numbers(values: ArrayLike, name: str, expected: str) -> FloatArray:
             given = np.asarray(given.tolist())
         if np.iscomplexobj(given):
             raise InputError(f"{name} are complex numbers; expected {expected}")
+        if given.dtype == object and given.ndim == 0:
+            raise InputError(f"{name} came as {type(values).__name__}; expected {expected}")
         if given.dtype.kind in NO_NUMBERS:
             raise InputError(f"{name} are not numbers; expected {expected}")
         return given.astype(np.float64, copy=False)
@@ -141,6 +143,11 @@ def _require_bare(values: object, name: str) -> None:
     if isinstance(values, Points):
         raise InputError(
             f"{name} came as Points; give their positions_mm (and their covariances_mm2 as covariances)"
+        )
+    if isinstance(getattr(values, "points", None), Points):
+        raise InputError(
+            f"{name} came as {type(values).__name__}; give their points.positions_mm (and their points.covariances_mm2 "
+            "as covariances)"
         )
     columns = getattr(values, "columns", ())
     names = [] if callable(columns) else [str(column) for column in columns]

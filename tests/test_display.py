@@ -30,15 +30,18 @@ from ronnaplan import (
     register_markers,
     write_as,
     write_fiducials,
+    write_plan,
 )
 from ronnaplan import register_points as register
 from ronnaplan.correspondence.pairing import Rival
 from ronnaplan.ct.silhouette import silhouettes
 from ronnaplan.ct.volume import SeriesSource
 from ronnaplan.errors import RonnaplanError
-from ronnaplan.localization import Fiducial, FiducialFlag, Rejected
-from ronnaplan.planning import Plan, measure
-from ronnaplan.registration import predict_tre, register_batch
+from ronnaplan.geometry import Frame
+from ronnaplan.localization import Build, Fiducial, FiducialFlag, Rejected
+from ronnaplan.planning import Head, Limits, Plan, judge, measure, propose, scalp_sites
+from ronnaplan.registration import doubted_marker, drift_over_time, leave_one_out, predict_tre, register_batch
+from ronnaplan.robot import PivotCalibration, robot_from_ct, robot_trajectory
 from ronnaplan.tracking import PointReading, Recording, find_markers, read_recording
 from tests import cases
 from tests.cases import ball_parameters
@@ -105,6 +108,7 @@ def test_a_result_is_a_sequence_with_line_table_and_picture(name: str) -> None:
     assert base64.b64decode(picture).startswith(b"\x89PNG")
 
 
+NONE = np.zeros(3, bool)
 SHORT: dict[str, tuple[Callable[[], Any], str]] = {
     "markers of a tracker": (
         lambda: find_markers(some_readings()),
@@ -123,6 +127,23 @@ SHORT: dict[str, tuple[Callable[[], Any], str]] = {
     "a marker": (
         lambda: some_fiducials()[1],
         "Fiducial(F1 at (-50.0, 10.0, 30.0) mm, error 0.037 mm RMS, diameter ",
+    ),
+    "a trajectory": (
+        lambda: a_plan().trajectories[1],
+        "Trajectory(right: (",
+    ),
+    "a head": (lambda: Head.of(read_ct(cases.CT)), "Head(in CTVolume(121 slices"),
+    "measures": (
+        lambda: measure(cases.plan().trajectories[0], Head.of(read_ct(cases.CT))),
+        "Measures(Trajectory(left: (",
+    ),
+    "a tool's tip": (
+        lambda: PivotCalibration(POINTS[0], np.eye(3) / 300, POINTS[1], np.eye(3), np.ones(3), NONE, 0.1, NONE),
+        "PivotCalibration(tip at (60.0, 0.0, 20.0) mm, error 0.1 mm RMS, by 3 of 3 poses, 1 mm RMS left)",
+    ),
+    "many registrations": (
+        lambda: register_batch(np.stack([POINTS, POINTS]), np.stack([OFF, OFF])),
+        "RegistrationBatch(2 registrations, FRE 0.1 mm in the median)",
     ),
     "a rejected place": (
         lambda: Rejected(POINTS[0], "round", "it is not round", POINTS[0], POINTS[1]),
@@ -245,6 +266,23 @@ WRONG: dict[str, Callable[[], object]] = {
     "a path for what was found": lambda: write_fiducials("x.json", "found"),  # type: ignore[arg-type]
     "markers for their points": lambda: register_markers(some_fiducials(), some_fiducials().points),  # type: ignore[arg-type]
     "readings for their points": lambda: register_markers(some_fiducials().points, some_readings()),  # type: ignore[arg-type]
+    "several results for points": lambda: describe_layout(some_readings()),  # type: ignore[arg-type]
+    "a trajectory for targets": lambda: register(POINTS, OFF).tre(a_plan().trajectories[0]),  # type: ignore[arg-type]
+    "auto for a diameter": lambda: localize(SCAN, diameter_mm="auto"),  # type: ignore[arg-type]
+    "pairs for a registration": lambda: doubted_marker("marks"),  # type: ignore[arg-type]
+    "text to leave out of": lambda: leave_one_out("marks"),  # type: ignore[arg-type]
+    "a recording for frames": lambda: drift_over_time(some_fiducials().points, some_readings()),  # type: ignore[arg-type]
+    "a registration for its pose": lambda: robot_from_ct(register(POINTS, OFF), None),  # type: ignore[arg-type]
+    "a matrix for a moment": lambda: robot_from_ct(register(POINTS, OFF).pose, np.eye(4)),  # type: ignore[arg-type]
+    "a matrix for R from CT": lambda: robot_trajectory("a", POINTS[0], POINTS[1], np.eye(4), frame=Frame("CT")),  # type: ignore[arg-type]
+    "a scan for a head": lambda: scalp_sites(SCAN),  # type: ignore[arg-type]
+    "a path for a head": lambda: Head.of("scan"),  # type: ignore[arg-type]
+    "limits for measures": lambda: judge(Limits(), None),  # type: ignore[arg-type]
+    "a scan to propose in": lambda: propose(POINTS[0], SCAN, Limits()),  # type: ignore[arg-type]
+    "a field that no trajectory has": lambda: a_plan().edit("right", target=POINTS[0]),
+    "text for a depth": lambda: a_plan().trajectories[0].at_depth("deep"),
+    "a path for a plan": lambda: write_plan("plan.json", "plan"),  # type: ignore[arg-type]
+    "a number for a marker": lambda: Build.parse(1),  # type: ignore[arg-type]
     "text for an affine": lambda: CTVolume.from_array(np.zeros((2, 2, 2)), "x"),
 }
 
@@ -256,6 +294,13 @@ def test_a_wrong_type_ends_in_one_sentence(name: str) -> None:
     sentence = str(told.value)
     assert "\n" not in sentence
     assert len(sentence) < 250
+
+
+@pytest.mark.parametrize(
+    "diameters_mm", [[8.0, 11.5], (8, 11.5), np.array([8.0, 11.5]), np.array([8, 11.5], np.float32)]
+)
+def test_diameters_come_in_any_sequence(diameters_mm: Any) -> None:
+    assert localize(SCAN, diameter_mm=diameters_mm).diameters_mm == (8.0, 11.5)
 
 
 def test_the_face_lists_what_it_offers() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.ct.volume import CTVolume
+from ronnaplan.ct.volume import WAYS_TO_A_VOLUME, CTVolume
 from ronnaplan.errors import check_type
 
 PIXEL_MM = 2.5
@@ -23,7 +23,7 @@ def silhouettes(volume: CTVolume) -> dict[tuple[int, int], Silhouette]:
 
     Each voxel goes to the pixel it lies in: slices may be tilted, rotated and unevenly spaced.
     """
-    check_type(volume, CTVolume, "the volume", "read_ct returns one")
+    check_type(volume, CTVolume, "the volume", WAYS_TO_A_VOLUME)
     step = max(1, round((volume.voxels_hu.size / MOST_VOXELS) ** (1 / 3)))
     slices, rows, columns = (range(0, size, step) for size in volume.voxels_hu.shape)
     hu = volume.voxels_hu[::step, ::step, ::step].reshape(-1)

@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 Voxels = NDArray[np.int16] | NDArray[np.float32]
 """HU (slice, row, column), or a part of them."""
 
+WAYS_TO_A_VOLUME = "read_ct returns one, CTVolume.from_sitk and CTVolume.from_array make one"
+"""What to do where something else was given."""
+
 INDEX_DIGITS = 6
 """Voxel indices are rounded to so many digits, so that the outermost voxels are not outside of their grid."""
 
@@ -216,6 +219,10 @@ class CTVolume(Gridded):
         cls, voxels_hu: ArrayLike, affine: ArrayLike, frame_of_reference_uid: str | None = None
     ) -> CTVolume:
         """Return the scan of ``voxels_hu`` (K, J, I) whose indices (k, j, i, 1) ``affine`` (4, 4) maps to LPS mm.
+
+        Of a nibabel image, which counts (i, j, k) and maps to RAS, these are ``numpy.asarray(image.dataobj).T`` and
+        ``numpy.diag([-1, -1, 1, 1]) @ image.affine[:, [2, 1, 0, 3]]``; of what `to_xarray` gave, it and its
+        ``attrs["lps_from_kji"]``.
 
         Raises `UsageError` for what is no array of numbers of three axes, `InputError` for masked or impossible values
         and an affine that is none of a scan.

@@ -23,7 +23,7 @@ from ronnaplan.documents.fields import (
 )
 from ronnaplan.documents.files import change_document, write_atomically
 from ronnaplan.documents.reading import made, read_document, to_json
-from ronnaplan.errors import InputError, RonnaplanError
+from ronnaplan.errors import InputError, RonnaplanError, check_type
 from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.planning.changes import Change, Item
 from ronnaplan.planning.electrodes import electrode_named
@@ -128,6 +128,7 @@ def plan_document(plan: Plan) -> PlanDocument:
 
 def write_plan(path: str | os.PathLike[str], plan: Plan) -> None:
     """Write plan.json, whole or not at all, whatever was there; raises `InputError` where that fails."""
+    check_type(plan, Plan, "the plan", "Plan.of_scan(volume) begins one, read_plan reads one")
     write_atomically(path, plan_text(plan))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ronnaplan.errors import UsageError
+from ronnaplan.errors import UsageError, check_type
 from ronnaplan.text import plain_number
 
 KINDS = {"shell": -1.0, "wrapped": 1.0}
@@ -28,6 +28,7 @@ class Build:
     @classmethod
     def parse(cls, text: str) -> Build:
         """Read 'solid', 'shell:WALL' or 'wrapped:THICKNESS' (mm); raises `UsageError` for anything else."""
+        check_type(text, str, "the marker", "write 'solid', 'shell:WALL' or 'wrapped:THICKNESS', in mm")
         kind, _, number = text.partition(":")
         if text == "solid":
             return cls()

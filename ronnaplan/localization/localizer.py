@@ -28,8 +28,9 @@ from numbers import Integral, Real
 import numpy as np
 
 from ronnaplan.ct.progress import Progress
-from ronnaplan.ct.volume import CTVolume
+from ronnaplan.ct.volume import WAYS_TO_A_VOLUME, CTVolume
 from ronnaplan.errors import InputError, RefusedError, UsageError, check_type
+from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import Examined, examine, examine_places, markers_in, same_places
 from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, Rejected
@@ -62,7 +63,7 @@ NEAREST_SHOWN = 3
 def localize(
     volume: CTVolume,
     *,
-    diameter_mm: float | Sequence[float],
+    diameter_mm: float | Sequence[float] | FloatArray,
     expected: int | None = None,
     template: Template | None = None,
     marker: Build = SOLID,
@@ -77,7 +78,7 @@ def localize(
     `RefusedError` when ``expected`` markers were promised and another number was found, or when the template is not
     found exactly once.
     """
-    check_type(volume, CTVolume, "the volume", "read_ct returns one")
+    check_type(volume, CTVolume, "the volume", WAYS_TO_A_VOLUME)
     check_type(template, (Template, type(None)), "the template", "documents.read_template returns one")
     check_type(marker, Build, "the marker", "Build.parse('shell:1') returns one")
     diameters = check_request(diameter_mm, expected, marker)
@@ -182,15 +183,16 @@ def require_count(
 
 
 def check_request(
-    diameter_mm: float | Sequence[float], expected: int | None, marker: Build = SOLID
+    diameter_mm: float | Sequence[float] | FloatArray, expected: int | None, marker: Build = SOLID
 ) -> tuple[float, ...]:
     """Return the diameters as a tuple; raise `UsageError` for diameters, walls or a number that no scan can have."""
-    given = (
-        (diameter_mm,) if isinstance(diameter_mm, Real) or not isinstance(diameter_mm, Sequence) else diameter_mm
-    )
-    if any(isinstance(one, bool | str) or not isinstance(one, Real) for one in given):
-        raise UsageError(f"the marker diameter is {diameter_mm!r}; a positive number of mm is needed")
-    diameters = tuple(dict.fromkeys(float(one) for one in given))
+    several = isinstance(diameter_mm, Sequence | np.ndarray) and not isinstance(diameter_mm, str)
+    given: list[object] = np.ravel(np.asarray(diameter_mm, object)).tolist() if several else [diameter_mm]
+    numbers = [float(one) for one in given if isinstance(one, Real) and not isinstance(one, bool)]
+    if len(numbers) < len(given):
+        how = ", which common_diameter(volume) finds" if given == ["auto"] else ""
+        raise UsageError(f"the marker diameter is {diameter_mm!r}; a positive number of mm is needed{how}")
+    diameters = tuple(dict.fromkeys(numbers))
     if not diameters:
         raise UsageError("no marker diameter was given; at least one positive number of mm is needed")
     for diameter in diameters:

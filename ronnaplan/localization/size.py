@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from ronnaplan.ct.progress import advancing
-from ronnaplan.ct.volume import CTVolume
+from ronnaplan.ct.volume import WAYS_TO_A_VOLUME, CTVolume
 from ronnaplan.errors import RefusedError, check_type
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import SOLID, Build
@@ -144,7 +144,7 @@ def _sizes(
 
     That tells which have to be fitted next, by their numbers, once some of them are.
     """
-    check_type(volume, CTVolume, "the volume", "read_ct returns one")
+    check_type(volume, CTVolume, "the volume", WAYS_TO_A_VOLUME)
     scan = as_thin(Scan.of(volume))
     coarse = Scan(coarsen(scan.volume, COARSE_FLOOR_MM), whole=scan)
 

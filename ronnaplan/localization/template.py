@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ronnaplan.errors import RefusedError
-from ronnaplan.geometry import MIRROR, FloatArray
+from ronnaplan.errors import InputError, RefusedError, check_type
+from ronnaplan.geometry import MIRROR, FloatArray, as_numbers, as_points
 from ronnaplan.localization.fiducials import Fiducial, Rejected
 from ronnaplan.rigid import fit_closed_form
 
@@ -16,14 +16,18 @@ DISTANCE_TOLERANCE_MM = 0.5
 """Distances in CT and on the drawing agree within this, unless the template says otherwise. (Šuligoj et al. 2018
 measured 0.11 +- 0.10 mm on their phantom.)"""
 
+EXACT_MM = 1e-6
+"""By no more than this the two distances of the same markers differ, as when they were computed."""
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class Template:
     """``distances_mm`` (N, N) between the markers called ``labels``, right within ``tolerance_mm``.
 
     Distances do not tell a frame from its mirror image, but ``centers_mm`` (N, 3), in any right-handed frame, do. A
     frame whose mirror image has the same distances in another order is refused as ambiguous, like any other that fits
-    in two ways.
+    in two ways. Raises `InputError` for distances that are none between so many markers, and for other numbers of
+    labels and centers.
     """
 
     name: str
@@ -31,6 +35,28 @@ class Template:
     distances_mm: FloatArray
     tolerance_mm: float = DISTANCE_TOLERANCE_MM
     centers_mm: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        check_type(self.labels, (tuple, list), "the labels of a template", "give a name for each marker")
+        count, whose = len(self.labels), f"the distances of template '{self.name}'"
+        object.__setattr__(self, "labels", tuple(self.labels))
+        expected = f"({count}, {count}) in mm, between the markers of its {count} labels"
+        distances_mm = as_numbers(self.distances_mm, whose, expected)
+        object.__setattr__(self, "distances_mm", distances_mm)
+        if distances_mm.shape != (count, count):
+            raise InputError(f"{whose} have shape {distances_mm.shape}; expected {expected}")
+        if not np.allclose(distances_mm, distances_mm.T, rtol=0.0, atol=EXACT_MM) or np.diag(distances_mm).any():
+            raise InputError(f"{whose} are not finite and symmetric with a zero diagonal; expected {expected}")
+        if self.centers_mm is not None:
+            centers_mm = as_points(self.centers_mm, f"the centers of template '{self.name}'")
+            object.__setattr__(self, "centers_mm", centers_mm)
+            if len(centers_mm) != count:
+                raise InputError(
+                    f"template '{self.name}' has {len(centers_mm)} centers for {count} labels; give one for each"
+                )
+
+    def __repr__(self) -> str:
+        return f"Template({self.name}: {', '.join(self.labels)}, distances right within {self.tolerance_mm:g} mm)"
 
 
 def match_template(

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.ct.volume import CTVolume, Voxels
-from ronnaplan.errors import InputError
+from ronnaplan.ct.volume import WAYS_TO_A_VOLUME, CTVolume, Voxels
+from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning.sampling import AIR_HU, SliceSampler
+from ronnaplan.text import place
 
 SKIN_HU = -450.0
 """About half way between air and skin; crossings are found at it and then fitted to the local levels."""
@@ -28,7 +29,7 @@ LEAST_HEAD_MM2 = 4000.0
 """A head fills more than this in its largest slice; a scan without that holds no head."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Head:
     """A scanned head, ready to be measured along paths.
 
@@ -43,9 +44,13 @@ class Head:
     cell: int
     met: OrderedDict[tuple[float, ...], Any] = field(default_factory=OrderedDict, repr=False)
 
+    def __repr__(self) -> str:
+        return f"Head(in {self.volume!r}, its middle at {place(self.center_mm)} mm)"
+
     @classmethod
     def of(cls, volume: CTVolume) -> Head:
         """Find the head in ``volume``; raises `InputError` when there is none."""
+        check_type(volume, CTVolume, "the volume", WAYS_TO_A_VOLUME)
         scan = SliceSampler.of(volume)
         cell = max(1, round(CELL_MM / float(scan.steps_mm.max())))
         inside = _largest_part(np.stack([_tissue(plane, cell, scan) for plane in scan.voxels]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, check_type
 from ronnaplan.planning.contacts import nearest_contacts
 from ronnaplan.planning.layers import Way
 from ronnaplan.planning.lengths import TOLERANCE_MM
@@ -70,6 +70,8 @@ def judge(measured: Measures, limits: Limits) -> tuple[Verdict, ...]:
     Beside the limits asked for: the way out of the head must be open, the instrument long enough, and nothing may
     be met. Raises `InputError` when a limit asks for something that was not measured (no markers, no label map).
     """
+    check_type(measured, Measures, "what was measured", "measure returns it")
+    check_type(limits, Limits, "the limits", "make them with Limits(longest_path_mm=80.0), say")
     return (*_shape(measured, limits), *_distances(measured, limits), *_errors(measured, limits))
 
 

@@ -21,7 +21,7 @@ from ronnaplan.planning.sides import side_doubt
 from ronnaplan.planning.surface import Surface
 from ronnaplan.planning.trajectory import Trajectory
 from ronnaplan.planning.uncertainty import Expectation, PathError, path_error
-from ronnaplan.text import as_read, place
+from ronnaplan.text import as_read, counted, place
 
 ENTRY_TOLERANCE_MM = 5.0
 """An entry point may lie this far outside the scalp (a click on a surface view); further out it is in air."""
@@ -34,7 +34,7 @@ PROFILE_STEP_MM = 0.5
 """The profile along a path is sampled at least so densely."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Measures:
     """What was measured of ``trajectory``. Values that need a surface which is not there are None.
 
@@ -55,6 +55,11 @@ class Measures:
     planned_error: PathError | None = None
     contacts: tuple[ContactMeasures, ...] = ()
     side_doubt: str | None = None
+
+    def __repr__(self) -> str:
+        doubted = f", {counted(len(self.doubts), 'doubt')}" if self.doubts else ""
+        met = counted(len(self.clearances), "obstacle")
+        return f"Measures({self.trajectory!r}; {met}, {counted(len(self.spacings), 'other path')}{doubted})"
 
     @property
     def length_mm(self) -> float:

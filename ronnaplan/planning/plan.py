@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ronnaplan.ct.identity import ScanIdentity
-from ronnaplan.ct.volume import CTVolume, SeriesSource
+from ronnaplan.ct.volume import WAYS_TO_A_VOLUME, CTVolume, SeriesSource
 from ronnaplan.display import Shown, coordinates, head_in_3d
-from ronnaplan.errors import InputError, check_type
+from ronnaplan.errors import InputError, UsageError, check_type
 from ronnaplan.geometry import Frame, Points
 from ronnaplan.planning.changes import Change, Item, exchanged, require_held, same
 from ronnaplan.planning.landmarks import Landmarks
@@ -49,7 +49,7 @@ class Plan(Shown[Trajectory]):
     @classmethod
     def of_scan(cls, volume: CTVolume) -> Plan:
         """Return an empty plan tied to ``volume``."""
-        check_type(volume, CTVolume, "the volume", "read_ct returns one")
+        check_type(volume, CTVolume, "the volume", WAYS_TO_A_VOLUME)
         return cls(volume.source, volume.voxel_sha256)
 
     def _items(self) -> Sequence[Trajectory]:
@@ -144,6 +144,10 @@ class Plan(Shown[Trajectory]):
     def edit(self, name: str, /, **changes: Any) -> Plan:
         """Return the plan with fields of a trajectory replaced; a locked one is refused (`InputError`)."""
         index = self._unlocked(name)
+        unknown = sorted(changes.keys() - {one.name for one in fields(Trajectory)})
+        if unknown:
+            known = ", ".join(one.name for one in fields(Trajectory))
+            raise UsageError(f"a trajectory has no {unknown[0]}; change one of {known}")
         edited = replace(self.trajectories[index], **changes)
         self._check_new(edited, (name,))
         return self._changed("edit", index, self.trajectories[index], edited)

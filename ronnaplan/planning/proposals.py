@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray, as_point
 from ronnaplan.planning.angles import RAS_IN_LPS
 from ronnaplan.planning.candidates import Candidates, Field, cast, spread_directions
@@ -85,6 +85,8 @@ def propose(
     beside ``others``, and keeps all of ``limits``; there may be none. Raises `InputError` for a target outside the scan
     or in air.
     """
+    check_type(head, Head, "the head", "Head.of(volume) returns one")
+    check_type(limits, Limits, "the limits", "make them with Limits(longest_path_mm=80.0), say")
     target = as_point(target_mm, "the target")
     if not head.scan.values_hu(target[np.newaxis])[0] >= SKIN_HU:
         raise InputError(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ronnaplan.errors import InputError, RefusedError
+from ronnaplan.errors import InputError, RefusedError, check_type
 from ronnaplan.geometry import FloatArray, as_points, unit
 from ronnaplan.planning.candidates import Field, cast, spread_directions
 from ronnaplan.planning.head import SKIN_HU, Head
@@ -95,6 +95,7 @@ def scalp_sites(head: Head, count: int = SITES) -> Sites:
     Those on attached things, or with something over them (a headrest, a tube), are left out. Raises `InputError` where
     too few are left to tell normals.
     """
+    check_type(head, Head, "the head", "Head.of(volume) returns one")
     center = head.center_mm
     found = cast(head, center, spread_directions(count), Field.of([], head))
     sites = surface_sites(found.entries_mm[found.way == Way.OPEN], center)

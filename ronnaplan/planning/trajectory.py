@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError, check_type
-from ronnaplan.geometry import FloatArray, Frame, as_point
+from ronnaplan.geometry import FloatArray, Frame, as_numbers, as_point
 from ronnaplan.planning.electrodes import Electrode
+from ronnaplan.text import LONGEST_LISTED, place, printable
 
 SHORTEST_PATH_MM = 1.0
 """Entry and target nearer than this are the same point, or a slip."""
@@ -76,7 +77,7 @@ def instrument_named(name: str) -> Instrument:
         ) from None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
     """A straight path from ``entry_mm`` (3,), at the scalp, to ``target_mm`` (3,), LPS mm in ``frame``.
 
@@ -119,6 +120,10 @@ class Trajectory:
         if self.colour and not COLOUR.fullmatch(self.colour):
             raise InputError(f"colour {self.colour!r} of {self.name} is not of the form #rrggbb (lower case)")
 
+    def __repr__(self) -> str:
+        name, ends = printable(self.name, LONGEST_LISTED), f"{place(self.entry_mm)} to {place(self.target_mm)} mm"
+        return f"Trajectory({name}: {ends} in {self.frame.name}, {self.length_mm:.1f} mm)"
+
     @cached_property
     def length_mm(self) -> float:
         """Distance from entry to target."""
@@ -140,7 +145,8 @@ class Trajectory:
 
     def at_depth(self, depths_mm: ArrayLike) -> FloatArray:
         """Return the points (..., 3) at ``depths_mm`` (...) from the entry towards the target."""
-        places: FloatArray = self.entry_mm + np.asarray(depths_mm)[..., np.newaxis] * self.inward
+        depths = as_numbers(depths_mm, "depths", "a number of mm from the entry, or several")
+        places: FloatArray = self.entry_mm + depths[..., np.newaxis] * self.inward
         return places
 
 

@@ -12,12 +12,13 @@ from ronnaplan.errors import InputError, UsageError
 from ronnaplan.geometry import FloatArray, as_numbers
 from ronnaplan.registration.covariances import as_pair, combined_covariances, fitted_pose_covariance
 from ronnaplan.rigid import fit_closed_form, fit_likelihood, fre_rms_mm, require_spread
+from ronnaplan.text import counted
 
 CHUNK = 2000
 """Likelihood fits done at a time, so that their arrays stay in the processor's cache."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RegistrationBatch:
     """B registrations: ``transforms`` (B, 4, 4) and, if errors were stated, ``covariances`` (B, 6, 6)."""
 
@@ -26,6 +27,12 @@ class RegistrationBatch:
     fre_rms_mm: FloatArray
     settled: NDArray[np.bool_]
     """Which fits (B,) converged; contradictory pairs may not."""
+
+    def __repr__(self) -> str:
+        unsettled = int((~self.settled).sum())
+        doubt = f", {unsettled} not settled" if unsettled else ""
+        count, median_mm = counted(len(self.transforms), "registration"), float(np.median(self.fre_rms_mm))
+        return f"RegistrationBatch({count}, FRE {median_mm:.3g} mm in the median{doubt})"
 
 
 def register_batch(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import point_jacobian, transform_points
 from ronnaplan.registration.covariances import SMALLEST_VARIANCE_MM2, combined_covariances
@@ -16,6 +16,9 @@ from ronnaplan.rigid import fit_closed_form, fit_likelihood, freedom, pose_covar
 
 A_STRETCH = "a stretch of one side"
 """What else than a marker may explain the misfit: see `Registration.stretch`."""
+
+
+OF_MARKERS = "register_points returns one, and what register_markers returned has it as its registration"
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +64,7 @@ class Doubt:
 
 def leave_one_out(registration: Registration) -> LeaveOneOut:
     """Return every marker's leave-one-out residual. Needs four pairs or more (`InputError`)."""
+    check_type(registration, Registration, "the registration", OF_MARKERS)
     count = len(registration)
     if count < 4:
         raise InputError(f"{count} pairs leave too few when one is left out; leave-one-out needs at least four")
@@ -80,6 +84,7 @@ def doubted_marker(registration: Registration) -> Doubt | None:
     `certain` when the rest fit without it and would not fit without any other one instead, nor if one side were
     stretched.
     """
+    check_type(registration, Registration, "the registration", OF_MARKERS)
     if len(registration) < 4:
         return None
     left_out = leave_one_out(registration)

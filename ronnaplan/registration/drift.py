@@ -92,6 +92,7 @@ def check_drift(reference: Points, later: Points) -> Drift:
 
 def drift_over_time(reference: Points, frames: Iterable[Points]) -> list[Drift]:
     """Return the `Drift` of each of ``frames`` against ``reference``; raises what `check_drift` does."""
+    check_type(frames, Iterable, "the later frames", "labelled_frames(recording) gives some")
     return [check_drift(reference, frame) for frame in frames]
 
 

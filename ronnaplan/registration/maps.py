@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ronnaplan.ct.volume import CTVolume, ScalarMap
+from ronnaplan.ct.volume import WAYS_TO_A_VOLUME, CTVolume, ScalarMap
 from ronnaplan.errors import check_type
 from ronnaplan.geometry import Frame
 from ronnaplan.pose import Pose
@@ -21,7 +21,7 @@ def error_map(pose: Pose, volume: CTVolume | ScalarMap, frame: Frame | None = No
         volume,
         (CTVolume, ScalarMap),
         "what the TRE map lies on",
-        "read_ct returns one, CTVolume.from_sitk and CTVolume.from_array make one",
+        WAYS_TO_A_VOLUME,
     )
     if frame is not None:
         frame.require(volume.frame)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ronnaplan.ct import CTVolume
 from ronnaplan.ct.sampling import sampled
+from ronnaplan.ct.volume import WAYS_TO_A_VOLUME
 from ronnaplan.errors import check_type
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import Fiducials
@@ -71,7 +72,7 @@ Row = tuple[Candidate, list[Pair]]
 
 def contact_sheet(volume: CTVolume, found: Fiducials | None) -> bytes:
     """Draw cuts and residuals of each candidate in a row; returns a PNG. None: no ball of any size was seen."""
-    check_type(volume, CTVolume, "the volume", "read_ct returns one")
+    check_type(volume, CTVolume, "the volume", WAYS_TO_A_VOLUME)
     if found is not None:
         check_type(found, Fiducials, "what was found", "localize returns it")
     return draw_sheet([] if found is None else gathered(volume, found))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import Frame, Points
 from ronnaplan.pose import Pose, invert
 
@@ -79,6 +79,8 @@ def robot_from_ct(ots_from_ct: Pose, capture: Capture) -> Pose:
     Raises `InputError` when ``ots_from_ct`` does not start in a CT frame, `FrameMismatchError` when it does
     not end in the tracker's.
     """
+    check_type(ots_from_ct, Pose, "OTS from CT", "a registration has one as its pose: registration.pose")
+    check_type(capture, Capture, "the moment", "make it with Capture(ots_from_m, m_from_tcp, robot_from_tcp)")
     if ots_from_ct.from_frame.name != "CT":
         raise InputError(f"a registration from {ots_from_ct.from_frame} was offered; expected one from CT")
     return capture.robot_from_ots @ ots_from_ct

@@ -95,7 +95,7 @@ def _as_pairs(
     driven = as_poses(robot_from_tcp, "robot_from_tcp")
     if len(seen) != len(driven) or len(seen) < FEWEST_POSES:
         raise InputError(
-            f"{len(seen)} tracker and {len(driven)} robot poses were given; expected four or more of each"
+            f"{len(seen)} tracker and {len(driven)} robot poses were given; expected as many of each, four or more"
         )
     if frames is not None and len(frames) != len(seen):
         raise InputError(f"{len(frames)} frames were given for {len(seen)} poses; expected one for each")

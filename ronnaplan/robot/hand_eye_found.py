@@ -8,6 +8,7 @@ from ronnaplan.pose import Pose
 from ronnaplan.robot.by_pose import UNSUSPECTED, Suspicion
 from ronnaplan.robot.hand_eye_late import told_late
 from ronnaplan.robot.hand_eye_step import Step
+from ronnaplan.text import counted
 
 SWAPPED = 1.5
 """The tracker's errors are least at its spheres; found larger at M than at the TCP by this, M may be the robot's."""
@@ -15,7 +16,7 @@ SURELY_BY_POSE = 0.99
 """So likely errors by the robot's pose have to be to be told; how likely they are counts in the covariance anyhow."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class HandEye:
     """The two constant poses, their covariance, and how well the recorded poses agree."""
 
@@ -38,6 +39,11 @@ class HandEye:
     """From which pose on robot and tracker, or M and TCP, stand otherwise to each other than before."""
     repeated: int = 0
     """How many poses were left out, as the tracker's were earlier ones to the last digit."""
+
+    def __repr__(self) -> str:
+        doubted = f", {counted(len(self.doubts), 'doubt')}" if self.doubts else ""
+        left = f"{self.rotation_rms_deg:.3g} degrees and {self.tcp_rms_mm:.3g} mm RMS at the TCP left{doubted}"
+        return f"HandEye({self.m_from_tcp!r}, {self.robot_from_ots!r}, {left})"
 
     @property
     def doubts(self) -> tuple[str, ...]:

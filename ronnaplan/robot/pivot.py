@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError, RefusedError
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import FloatArray, rms_mm
 from ronnaplan.pose import as_poses, as_stack, cross_matrix, first_told
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
 from ronnaplan.robot.misread import as_meant
 from ronnaplan.robot.scatter import far_off, too_long, usual
-from ronnaplan.text import counted, successive
+from ronnaplan.text import counted, place, successive
 
 FEWEST_FOR_SCATTER = 10
 """Of fewer the scatter is not known, however often each is repeated."""
@@ -41,7 +41,7 @@ IN_TRACKER, IN_TOOL = slice(6, 12), slice(12, 15)
 """... steady drifts of place and orientation in the tracker's axes, and of the tip in the tool's."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PivotCalibration:
     """The tip found by pivoting, what it is worth, and which poses were left out."""
 
@@ -60,6 +60,11 @@ class PivotCalibration:
     """Robust standard deviation per axis of the tip's scatter about the pivot."""
     repeated: np.ndarray[tuple[int], np.dtype[np.bool_]]
     """Which poses (N,) were left out, because they are an earlier one to the last digit."""
+
+    def __repr__(self) -> str:
+        error_mm = rms_mm(self.tip_covariance_mm2)
+        used = f"{self.kept.sum()} of {len(self.kept)} poses, {self.rms_mm:.3g} mm RMS left"
+        return f"PivotCalibration(tip at {place(self.tip_mm)} mm, error {error_mm:.3g} mm RMS, by {used})"
 
     @property
     def kept(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray, Frame, as_numbers, as_points, rms_mm, unit
 from ronnaplan.planning.trajectory import SHORTEST_PATH_MM
 from ronnaplan.pose import Pose, about, rigid
@@ -83,6 +83,7 @@ def robot_trajectory(
     the roll about the tool's own axis. Raises `FrameMismatchError` for a plan of another scan than
     ``robot_from_ct`` and `InputError` for an entry on its target or an ``x_axis`` along the trajectory.
     """
+    check_type(robot_from_ct, Pose, "R from CT", "robot_from_ct returns it")
     R.require(robot_from_ct.to_frame)
     both: Any = [entry_mm, target_mm]
     ends = as_points(both, name)

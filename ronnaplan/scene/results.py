@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from ronnaplan.ct import CTVolume
+from ronnaplan.ct.volume import WAYS_TO_A_VOLUME
 from ronnaplan.errors import check_type
 from ronnaplan.extras import require_packages
 from ronnaplan.figures import DOUBT_COLOUR, MARKER_COLOUR, Head
@@ -31,7 +32,7 @@ def head_with(result: Fiducials | Plan, volume: CTVolume) -> Head:
 
     Raises `InputError` where pyvista is not installed or VTK cannot be loaded.
     """
-    check_type(volume, CTVolume, "the volume", "read_ct returns one")
+    check_type(volume, CTVolume, "the volume", WAYS_TO_A_VOLUME)
     require_packages(*NEEDS_PYVISTA)
     return _with_paths(result, volume) if isinstance(result, Plan) else _with_markers(result, volume)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 
 import numpy as np
@@ -94,6 +95,22 @@ def test_nibabel_has_each_value_at_the_same_place_in_ras() -> None:
     image = ct.to_nibabel()
     np.testing.assert_allclose(image.affine @ [1, 2, 3, 1] * [-1, -1, 1, 1], ct.affine @ [3, 2, 1, 1], atol=1e-9)
     assert image.dataobj[1, 2, 3] == ct.voxels_hu[3, 2, 1]
+
+
+def test_what_from_array_says_of_nibabel_and_xarray_gives_the_scan_again() -> None:
+    """Their axes and directions are others, and a head mirrored or lying on its side passes for one."""
+    pytest.importorskip("nibabel")
+    pytest.importorskip("xarray")
+    ct = volume()
+    told = re.findall(r"``(.+?)``", (CTVolume.from_array.__doc__ or "").replace("\n", " "))
+    voxels, affine = (one for one in told if "image." in one)
+    array, names = ct.to_xarray(), {"numpy": np, "image": ct.to_nibabel()}
+    for back in (
+        CTVolume.from_array(eval(voxels, names), eval(affine, names)),
+        CTVolume.from_array(array, array.attrs["lps_from_kji"]),
+    ):
+        np.testing.assert_allclose(back.affine, ct.affine, atol=1e-9)
+        np.testing.assert_array_equal(back.voxels_hu, ct.voxels_hu)
 
 
 def test_what_no_regular_grid_holds_is_refused() -> None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from ronnaplan.documents.template import read_template
-from ronnaplan.errors import InputError, RefusedError
+from ronnaplan.errors import InputError, RefusedError, RonnaplanError
 from ronnaplan.localization import Fiducial, Template
 from ronnaplan.localization.template import match_template
 from tests import cases
@@ -94,3 +96,30 @@ def test_a_template_file_is_checked(tmp_path: Path) -> None:
         path.write_text(json.dumps(good | change))
         with pytest.raises(InputError, match=complaint):
             read_template(path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"labels": ("A", "B", "C")}, r"have shape \(4, 4\); expected \(3, 3\) in mm"),
+        ({"labels": "ABCD"}, "the labels of a template is of type str"),
+        ({"distances_mm": np.triu(DISTANCES)}, "not finite and symmetric"),
+        ({"distances_mm": DISTANCES + 1.0}, "with a zero diagonal"),
+        ({"distances_mm": np.where(DISTANCES > 0, np.nan, 0.0)}, "not finite and symmetric"),
+        ({"distances_mm": "far"}, "the distances of template 'frame' are not numbers"),
+        ({"centers_mm": np.eye(3)}, "3 centers for 4 labels"),
+    ],
+)
+def test_a_template_made_in_python_holds_a_distance_between_each_two_markers(
+    changes: dict[str, Any], says: str
+) -> None:
+    """One of fewer labels was found by the first distances, and only those below the diagonal were looked at."""
+    with pytest.raises(RonnaplanError, match=says):
+        dataclasses.replace(TEMPLATE, **changes)
+
+
+def test_a_template_made_of_lists_is_the_same() -> None:
+    listed = Template("frame", ["A", "B", "C", "D"], DISTANCES.tolist())  # type: ignore[arg-type]
+    assert listed.labels == TEMPLATE.labels
+    np.testing.assert_array_equal(listed.distances_mm, DISTANCES)
+    assert repr(listed) == "Template(frame: A, B, C, D, distances right within 0.5 mm)"
