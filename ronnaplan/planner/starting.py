@@ -28,7 +28,7 @@ from ronnaplan.text import printable
 SERVED = {"index.html": "start.html", "start.js": "start.js", "start.css": "start.css"}
 KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 
-CASE_NAME = re.compile(r"[\w-][\w. -]{0,59}", re.ASCII)
+CASE_NAME = re.compile(r"[\w-]([\w. -]{0,58}[\w-])?", re.ASCII)
 
 Open = Callable[[Path, str | None, Path], PlannerState]
 """Reads the scan at a path, the series of that key, and opens its case with the plan at another path."""
@@ -120,7 +120,10 @@ class StartPage:
         if not one.summary.is_usable:
             raise UsageError(f"it cannot be used: {'; '.join(one.summary.problems)}")
         if self._from_drop and not CASE_NAME.fullmatch(name):
-            raise UsageError("name the case with letters, digits, blanks, points and dashes, 60 at most")
+            raise UsageError(
+                "name the case with letters, digits, blanks, points and dashes, 60 at most, no blank or point first or "
+                "last"
+            )
         self.state = await self._work("reading the scan", lambda: self._opened_case(one, name))
         asyncio.get_running_loop().call_later(0.5, self._opened.set)  # this answer goes out first
         return {}

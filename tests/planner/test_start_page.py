@@ -209,6 +209,22 @@ def test_what_one_tab_dropped_is_not_taken_away_while_it_is_looked_through(scans
     run(asked())
 
 
+@pytest.mark.parametrize("name", ["case.", "case ", ".case", " case", "", "a/b", "x" * 61])
+def test_no_case_gets_a_name_that_windows_changes_or_no_system_takes(scans: Path, name: str) -> None:
+    page = StartPage(scans.parent / "home", scans, lambda *_: None)  # type: ignore[arg-type]
+
+    async def asked() -> None:
+        async with TestClient(TestServer(served(page))) as client:
+            drop = (await (await client.post("/drop")).json())["drop"]
+            for file in cases.CT.glob("*.dcm"):
+                await client.put(f"/dropped?drop={drop}&name={file.name}", data=file.read_bytes())
+            (series,) = (await (await client.get(f"/series?drop={drop}")).json())["series"]
+            answer = await client.post("/open", params={"drop": drop, "key": series["key"], "name": name})
+            assert (await answer.json())["error"].startswith("name the case with letters")
+
+    run(asked())
+
+
 def served(page: StartPage) -> web.Application:
     """The page without its gate."""
     application = web.Application()
