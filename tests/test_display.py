@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import base64
+import importlib
+import inspect
 import logging
 import re
 import subprocess
@@ -301,6 +303,24 @@ def test_a_wrong_type_ends_in_one_sentence(name: str) -> None:
 )
 def test_diameters_come_in_any_sequence(diameters_mm: Any) -> None:
     assert localize(SCAN, diameter_mm=diameters_mm).diameters_mm == (8.0, 11.5)
+
+
+ROOMS = ("", ".localization", ".tracking", ".correspondence", ".registration", ".planning", ".documents", ".robot")
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_no_function_goes_on_with_what_is_none_of_its_arguments(room: str, tmp_path: Path) -> None:
+    """Some ended deep within, in words of NumPy or of an attribute that nobody had asked for."""
+    module = importlib.import_module(f"ronnaplan{room}")
+    for name in dir(module):
+        function = getattr(module, name)
+        if not inspect.isfunction(function):
+            continue
+        needed = [one for one in inspect.signature(function).parameters.values() if one.default is one.empty]
+        for wrong in (str(tmp_path / "x"), None, 3):
+            named = {one.name: wrong for one in needed if one.kind is one.KEYWORD_ONLY}
+            with pytest.raises(RonnaplanError):
+                function(*[wrong] * (len(needed) - len(named)), **named)
 
 
 def test_the_face_lists_what_it_offers() -> None:

@@ -19,8 +19,8 @@ from ronnaplan.ct.frames import PLAIN_SYNTAXES
 from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.images import is_image_file
 from ronnaplan.ct.uids import PLUGINS
-from ronnaplan.ct.volume import CTVolume
-from ronnaplan.errors import FrameMismatchError, InputError
+from ronnaplan.ct.volume import WAYS_TO_A_VOLUME, CTVolume
+from ronnaplan.errors import FrameMismatchError, InputError, check_type
 from ronnaplan.geometry import FloatArray
 from ronnaplan.text import printable
 from ronnaplan.untrusted import require_file
@@ -43,6 +43,8 @@ def read_label_map(path: str | os.PathLike[str], volume: CTVolume) -> Masks:
     Every value but 0 is a region. Raises `FrameMismatchError` for another frame of reference and `InputError` for
     another grid, an empty map, or a file that is neither an image file nor a DICOM SEG.
     """
+    check_type(path, (str, os.PathLike), "the path of the label map", "give the path of a file")
+    check_type(volume, CTVolume, "the volume", WAYS_TO_A_VOLUME)
     source = Path(path)
     masks = _from_image(source, volume) if is_image_file(source) else _from_seg(source, volume)
     masks = {name: mask for name, mask in masks.items() if mask.any()}

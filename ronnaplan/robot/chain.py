@@ -68,6 +68,8 @@ def to_frame(pose: Pose, points: Points) -> Points:
     The pose's error is common to all points, so their covariances are each right but not independent of each
     other. Raises `FrameMismatchError` for points of another frame.
     """
+    check_type(pose, Pose, "what maps the points", "make it with Pose(matrix, covariance, to_frame, from_frame)")
+    check_type(points, Points, "the points", "a result has them as its points: found.points")
     positions = pose.apply(points.positions_mm, points.frame)
     covariances = pose.point_covariances(points.positions_mm, points.covariances_mm2)
     return Points(positions, covariances, points.labels, pose.to_frame)

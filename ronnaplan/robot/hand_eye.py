@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ronnaplan.errors import InputError, RefusedError
+from ronnaplan.errors import InputError, RefusedError, check_type
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import Pose, adjoint, as_poses, carried, first_told, invert, point_jacobian
 from ronnaplan.robot.by_pose import Cause, Suspicion
@@ -113,6 +113,7 @@ def with_tip(found: HandEye, tip_mm: FloatArray, tip_mm2: FloatArray) -> HandEye
     """
     from scipy.special import gammaincc
 
+    check_type(found, HandEye, "what was found", "calibrate_hand_eye returns it")
     pose = found.m_from_tcp
     jacobian = point_jacobian(pose.translation_mm)
     off = tip_mm - pose.translation_mm

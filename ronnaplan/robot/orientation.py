@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray, as_covariances, as_points, unit
 from ronnaplan.pose import Pose, about, first_told, transform_points
 from ronnaplan.rigid import require_spread
@@ -93,6 +93,7 @@ def orientation_covariance(
 
 def tool_pose(pivot: PivotCalibration, rotation: FloatArray, rotation_rad2: FloatArray) -> Pose:
     """Return M from TCP: a pivot calibration's tip and a rotation (3, 3) with its covariance (3, 3) in M."""
+    check_type(pivot, PivotCalibration, "the pivot calibration", "calibrate_pivot returns one")
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation, pivot.tip_mm
     # The rotation turns about the tip, so about M's origin it also moves the tip back.
@@ -105,6 +106,8 @@ def tool_pose(pivot: PivotCalibration, rotation: FloatArray, rotation_rad2: Floa
 
 
 def _require_frames(ots_from_m: Pose, robot_from_tcp: Pose) -> None:
+    for pose, what in ((ots_from_m, "OTS from M"), (robot_from_tcp, "R from TCP")):
+        check_type(pose, Pose, what, "make it with Pose(matrix, covariance, to_frame, from_frame)")
     OTS.require(ots_from_m.to_frame)
     M.require(ots_from_m.from_frame)
     R.require(robot_from_tcp.to_frame)

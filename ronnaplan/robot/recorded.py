@@ -31,6 +31,7 @@ def tool_poses(recording: Recording, tool: str | None = None) -> dict[int, Float
     ``tool`` may be left out where there is one only. Raises `InputError` where it is not there, has two poses in a
     frame, or is so near to the origin in all of them that they are in metres.
     """
+    check_type(recording, Recording, "the recording", "read_recording returns one")
     names = recording.tool_names
     if tool is None and len(names) != 1:
         held = f"the tools {', '.join(names)}; name one" if names else _lacking(recording)
@@ -121,6 +122,10 @@ def seen_tool(
     them. ``sigma_mm`` is the tracker's error per axis of one sphere, which averaging does not remove. Raises
     `FrameMismatchError` where the names of the tools say that their poses are in the coordinates of several systems.
     """
+    check_type(recording, Recording, "the recording", "read_recording returns one")
+    check_type(
+        geometry, Points, "the tool's spheres", "make them with Points.exact(positions_mm, labels, Frame('M'))"
+    )
     M.require(geometry.frame)
     OTS.require(recording.frame)
     require_sigma(sigma_mm, "the tracker error")

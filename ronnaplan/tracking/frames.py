@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray, Points, require_sigma
 from ronnaplan.sigmas import SIGMA_OTS_MM
 from ronnaplan.tracking.recording import PointReading, Recording
@@ -27,6 +27,8 @@ def labelled_frames(
     """
     from scipy.spatial.distance import pdist
 
+    check_type(recording, Recording, "the recording", "read_recording returns one")
+    check_type(reference, Points, "the reference", "give the points of what find_markers returned: found.points")
     require_sigma(sigma_mm, "the tracker error")
     reference.frame.require(recording.frame)
     if len(reference) < 2:

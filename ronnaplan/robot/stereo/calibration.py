@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ronnaplan.errors import InputError, RefusedError
+from ronnaplan.errors import InputError, RefusedError, check_type
 from ronnaplan.geometry import FloatArray, as_points
 from ronnaplan.pose import Pose, as_poses, as_stack, carried, exponential, invert, nearest_rotations, rigid
 from ronnaplan.robot.chain import TCP
@@ -179,6 +179,10 @@ def require_size(spheres: Sequence[StereoSphere], rig: StereoRig, diameter_mm: f
 
 def _require_pairs(left: Sequence[Image], right: Sequence[Image]) -> None:
     """Raise `InputError` unless the board images are as many ``left`` as ``right`` ones, grey and of one size."""
+    for images, side in ((left, "left"), (right, "right")):
+        check_type(
+            images, (Sequence, np.ndarray), f"the {side} camera's", "give an image of the board for each look"
+        )
     sizes = {np.asarray(image).shape for image in (*left, *right)}
     if len(left) != len(right) or len(sizes) != 1 or len(sizes.pop()) != 2:
         raise InputError(

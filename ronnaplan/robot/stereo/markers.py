@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from ronnaplan.correspondence.told import LEAST_PAIRS
-from ronnaplan.errors import InputError, RefusedError
+from ronnaplan.errors import InputError, RefusedError, check_type
 from ronnaplan.geometry import FloatArray, Points
 from ronnaplan.pose import Pose, point_jacobian, transform_points
 from ronnaplan.registration.marker_registration import MarkerRegistration, register_markers
@@ -103,6 +103,8 @@ def relocate(
     ``scatter_mm`` is the scatter per axis that a resting sphere's places had in the rig's calibration: a look errs by
     no less, whatever its outlines say. Refuses as `in_rig` does, above ``largest_mm`` too.
     """
+    check_type(looks, dict, "the looks", "give the two images of each by its number: {1: (left, right)}")
+    check_type(robot_from_tcp, Sequence, "the robot's poses", "give one for each look")
     if len(looks) != len(robot_from_tcp):
         raise InputError(f"{len(looks)} looks came with {len(robot_from_tcp)} robot poses; expected one each")
     places, errors = [], []
@@ -161,6 +163,7 @@ def register_robot_markers(
     Raises `InputError` for fewer than three spheres, `RefusedError` where the pairing is not unique, or a movement
     between the looks, or another place of the cameras at the TCP, explains what the markers' errors do not.
     """
+    check_type(spheres, RobotMarkers, "the robot's spheres", "relocate returns them")
     spheres, again = _one_look_each(spheres)
     if len(spheres.labels) < LEAST_PAIRS:
         raise InputError(

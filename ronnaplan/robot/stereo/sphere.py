@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from numbers import Real
 from typing import TypeVar
 
 import numpy as np
 
-from ronnaplan.errors import InputError, RefusedError
+from ronnaplan.errors import InputError, RefusedError, check_type
 from ronnaplan.geometry import FloatArray, Points, rms_mm
 from ronnaplan.pose import Pose
 from ronnaplan.robot.chain import TCP, to_frame
@@ -83,6 +84,8 @@ def locate_sphere(
     as dark as the ground its place depends on where the lamps are: well beside the lenses, or about them and off them
     by ``lamp_sd_deg``, as seen from the sphere.
     """
+    check_type(rig, StereoRig, "the cameras' rig", "calibrate_on_board returns one")
+    check_type(diameter_mm, Real, "the sphere's diameter", "give a number of mm")
     if not (np.isfinite(diameter_mm) and diameter_mm > 0):
         raise InputError(f"a sphere diameter of {diameter_mm} mm was given; expected one above zero")
     with ThreadPoolExecutor(2) as pool:
