@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 import tomllib
+from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ronnaplan.documents.room import RoomDocument
-from ronnaplan.robot.placement.room import Room
+from ronnaplan.robot.arm.wrist import wrist_of
+from ronnaplan.robot.placement.reference import proposed_deg, reach_mm
+from ronnaplan.robot.placement.room import Capsule, Room
 from ronnaplan.untrusted import checked
 
 if TYPE_CHECKING:
@@ -18,6 +22,8 @@ if TYPE_CHECKING:
 
 SHORT_MM = 1.0
 """A last link that ends nearer to its joint is a mere flange, of which no shape is asked."""
+USUAL_RADIUS = 0.05
+"""Of links that nobody has measured, as a part of the arm's reach, while a posture is sought in which none meet."""
 
 EXAMPLE = """\
 # What stands about the patient, for `ronnaplan robot place --scene room.toml`.
@@ -117,27 +123,37 @@ ARM_BODY = EXAMPLE[EXAMPLE.index("# Of a --arm") : EXAMPLE.index("[camera]")]
 def example_of(arm: SerialArm, turning: SerialArm, *, are_meshes: bool) -> str:
     """Return `EXAMPLE` for another arm, as described and as it is ``turning``, with some joints held.
 
-    The posture is in the middle of the limits. Of links that ``are_meshes`` there is a capsule each, from joint to
-    joint, whose radius is left to be measured: a room is no room with it.
+    It has a posture that is proposed for that arm. Of links that ``are_meshes`` there is a capsule each, from
+    joint to joint, whose radius is left to be measured: a room is no room with it.
     """
-    middles = np.degrees(turning.limits_rad.mean(axis=1)).round(1) + 0.0  # no minus before zero
+    room = example_room()
+    if are_meshes:
+        radius_mm = USUAL_RADIUS * reach_mm(wrist_of(turning))
+        room = replace(room, arm_bodies=tuple(_from_joint_to_joint(arm, radius_mm)))
+    angles = [f"{angle:g}" for angle in proposed_deg(turning, room)]
     posture = (
-        "# The posture between tasks; joint 1 counts from where the tasks lie. These are the middles of the limits:\n"
-        f"# state a posture that is free, of {', '.join(turning.joints)}.\nreference_deg = {middles.tolist()}"
+        "# The posture between tasks; joint 1 counts from where the tasks lie. This is a proposal, in which the arm is "
+        f"bent:\n# state another where it is not free, of {', '.join(turning.joints)}.\n"
+        f"reference_deg = [{', '.join(angles)}]"
     )
-    bodies = _bodies_from_joint_to_joint(arm) if are_meshes else ""
+    bodies = _told_from_joint_to_joint(room) if are_meshes else ""
     return EXAMPLE.replace(REFERENCE, posture).replace(ARM_BODY, bodies)
 
 
-def _bodies_from_joint_to_joint(arm: SerialArm) -> str:
-    ends = [*arm.origins, arm.flange]
-    names = ["foot", *arm.joints, "flange"]
-    parts = [json.dumps(f"{one} to {other}", ensure_ascii=False) for one, other in pairwise(names)]
+def _from_joint_to_joint(arm: SerialArm, radius_mm: float) -> Iterator[tuple[int, Capsule]]:
+    """Yield each link's number, and a capsule about the line from its joint to the next."""
+    names = pairwise(["foot", *arm.joints, "flange"])
+    for n, (end, (one, other)) in enumerate(zip([*arm.origins, arm.flange], names, strict=True)):
+        if n < len(arm) or np.linalg.norm(end[:3, 3]) > SHORT_MM:
+            x, y, z = (end[:3, 3].round(1) + 0.0).tolist()
+            yield n, Capsule(f"{one} to {other}", (0.0, 0.0, 0.0), (x, y, z), radius_mm)
+
+
+def _told_from_joint_to_joint(room: Room) -> str:
     entries = [
-        f"[[arm_body]]\nlink = {n}\nname = {parts[n]}\nstart = [0, 0, 0]\n"
-        f"end = {(end[:3, 3].round(1) + 0.0).tolist()}\nradius = 0                      # measure it\n"
-        for n, end in enumerate(ends)
-        if n < len(arm) or np.linalg.norm(end[:3, 3]) > SHORT_MM
+        f"[[arm_body]]\nlink = {n}\nname = {json.dumps(one.name, ensure_ascii=False)}\nstart = [0, 0, 0]\n"
+        f"end = {list(one.end_mm)}\nradius = 0                      # measure it\n"
+        for n, one in room.arm_bodies
     ]
     return (
         "# The arm's links, whose shapes are meshes, in their frames: from joint to joint. Move both ends to where\n"

@@ -31,7 +31,7 @@ from tests import cases
 from tests.cli.chains import parked_chain
 from tests.documents.test_room import with_arm_body
 from tests.planning.heads import layered_head
-from tests.robot.arm.arms import KR6, iiwa
+from tests.robot.arm.arms import KR6, UR5E_M, UR10E_M, iiwa, ur
 
 POINTS = ["--entry", "-20", "10", "77", "--target", "-10", "5", "20", "--coordinates", "LPS"]
 NARROW = {
@@ -371,13 +371,29 @@ def test_the_example_for_an_arm_of_meshes_asks_for_the_radius_of_each_link(
     assert bodies[0] == (0, "foot to joint_a1", (0, 0, 180))
     assert bodies[7] == (7, "joint_a7 to flange", (0, 0, 126))
     assert [link for link, _, _ in bodies] == list(range(8))
-    assert read.reference_deg == (0, 0, 0, 0, 0, 0)
+    assert read.reference_deg[0] == 0
+    assert abs(read.reference_deg[2]) > 30  # the elbow
     assert "of joint_a1, joint_a2, joint_a4, joint_a5, joint_a6, joint_a7." in text
     arm.write_text(KR6.replace('<mesh filename="base.stl"/>', '<sphere radius="0.1"/>'))
     assert main(ask) == 0
     room.write_text(capsys.readouterr().out)
     assert not read_room(room).arm_bodies
-    assert read_room(room).reference_deg == (0, -72.5, 18, 0, 0, 0)
+    assert read_room(room).reference_deg == (0, -92, 113, 0, 39, 0)
+
+
+@pytest.mark.parametrize("lengths_m", [UR5E_M, UR10E_M])
+def test_the_example_for_another_arm_has_a_posture_that_it_can_go_by(
+    lengths_m: tuple[float, ...], case: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The middles of a UR's limits are zeros, where it lies stretched: no way led from there, which took a search."""
+    arm, room, output = tmp_path / "arm.urdf", tmp_path / "room.toml", tmp_path / "placement.json"
+    arm.write_text(ur(lengths_m))
+    assert main(["robot", "place", "--example", "--arm", str(arm)]) == 0
+    room.write_text(capsys.readouterr().out)
+    there = ["--arm", str(arm), "--parked", "-820", "-300", "880", "40", "-o", str(output)]
+    assert main([*case[:-1], str(room), *there]) == 0
+    route = read_placement(output).robot_from_ct[0].route
+    assert (route.order, route.stuck) == (("LH",), ())
 
 
 def test_an_arm_that_is_too_long_or_too_short_to_be_described_in_metres_is_told(tmp_path: Path) -> None:

@@ -64,6 +64,13 @@ def machine_of(arm: SerialArm, room: Room, instruments: FloatArray = NO_INSTRUME
     """
     wrist = wrist_of(arm)
     _require_posture(arm, room.reference_deg)
+    machine = machine_in_any(arm, room, wrist, instruments)
+    _require_apart(machine, arm, room)
+    return machine
+
+
+def machine_in_any(arm: SerialArm, room: Room, wrist: Wrist, instruments: FloatArray = NO_INSTRUMENTS) -> Machine:
+    """Return the robot, of the arm's ``wrist``, as `machine_of` does whatever the reference posture."""
     links, bodies, tool_from = bodies_of(arm, room)
     carriers = np.append(links, len(arm))  # the instrument goes with the last link
     marker = np.zeros((2, 3))
@@ -88,7 +95,6 @@ def machine_of(arm: SerialArm, room: Room, instruments: FloatArray = NO_INSTRUME
     parted = np.vstack([of_tool, of_instruments.min(axis=0, initial=np.inf)]) >= PARTED_MM
     kept = machine.kept[tool_from:, :tool_from]
     kept[parted & (kept == FREE)] = APART
-    _require_apart(machine, arm, room)
     return machine
 
 
