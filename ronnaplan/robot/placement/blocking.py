@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import floor
 
 import numpy as np
@@ -27,7 +27,7 @@ from ronnaplan.robot.placement.distances import segment_box, segment_segment
 from ronnaplan.robot.placement.following import follow, settle
 from ronnaplan.robot.placement.machine import APART, Machine, frames_on, how_near, place_bodies
 from ronnaplan.robot.placement.search import Problem, base_pose
-from ronnaplan.robot.placement.tasks import Ways
+from ronnaplan.robot.placement.tasks import Task, Ways
 from ronnaplan.robot.placement.world import (
     CLEARANCE_NEED,
     HEAD_SPACING_MM,
@@ -48,7 +48,8 @@ AROUND = 12
 class Blocked:
     """How far the best base comes with a task: the stage, its margin (degrees or mm), and what joint or body it is of.
 
-    ``other`` is what a body comes near to: another body, `HEAD`, or from `ROOM` down the room's things.
+    ``other`` is what a body comes near to: another body, `HEAD`, or from `ROOM` down the room's things. Of a trolley
+    that cannot stand there it is one of the latter, or any other number where nobody says which.
     """
 
     stage: int
@@ -67,7 +68,8 @@ class Blocked:
         """
         joint, singular, clearance, view = problem.world.needs
         if self.stage == UNPARKED:
-            return f"the trolley would stand nearer than {clearance:g} mm to the head or the room's things {where}"
+            near = self._other(things) if self.other < 0 else "the head or the room's things"
+            return f"the trolley would stand nearer than {clearance:g} mm to {near} {where}"
         if self.stage == UNREACHED:
             return f"out of the arm's reach {where}"
         if self.stage == LIMIT:
@@ -83,9 +85,17 @@ class Blocked:
         if self.stage == OVERLAP:
             return f"{body} would meet {bodies[self.other]} {where}"
         if self.stage == COLLISION:
-            other = bodies[self.other] if self.other >= 0 else ("the head", *things)[HEAD - self.other]
+            other = bodies[self.other] if self.other >= 0 else self._other(things)
             return f"{body} {how_near(self.margin)} {other} {where}; {clearance:g} mm are asked for"
         return f"the tracker does not see the tool's marker by {np.degrees(view):g} degrees or more {where}"
+
+    def _other(self, things: Sequence[str]) -> str:
+        return ("the head", *things)[HEAD - self.other]
+
+
+def is_parked(problem: Problem, bases: FloatArray) -> bool:
+    """Whether the trolley can stand at any of ``bases`` (N, 4), x, y, z and turn."""
+    return any(parked(problem.world, place_trolley(problem.machine, base_pose(place))) for place in bases)
 
 
 def best_of(problem: Problem, task: int, bases: FloatArray) -> Blocked:
@@ -214,6 +224,17 @@ def _tightest(machine: Machine, angles: FloatArray) -> int:
             if here < least:
                 least, joint = here, j
     return joint
+
+
+def entries_beside(task: Task, world: World) -> tuple[list[Task], NDArray[np.float64]]:
+    """Return a trajectory with other entries about its target, and by how many degrees each of them is turned (N,)."""
+    starts, turns_deg = turned_entries(task.starts_mm[0], task.ends_mm[0], world.head[: world.scalp, :3])
+    return [replace(task, starts_mm=start[None]) for start in starts], turns_deg
+
+
+def no_entry_works(turns_deg: NDArray[np.float64]) -> str:
+    """Say that no entry turned by any of ``turns_deg`` (N,) works."""
+    return f"no entry turned by up to {turns_deg.max():.0f} degrees about the target works either"
 
 
 def turned_entries(

@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import invert, transform_points
 from ronnaplan.robot.placement import blocking
+from ronnaplan.robot.placement.beforehand import blocked_anywhere, in_the_way
 from ronnaplan.robot.placement.job import Job
 from ronnaplan.robot.placement.most import CLIMBING, served_each, serving_most
 from ronnaplan.robot.placement.near import what_comes_near
 from ronnaplan.robot.placement.parking import probability
+from ronnaplan.robot.placement.room import Floor
 from ronnaplan.robot.placement.route import Route, plan_route
 from ronnaplan.robot.placement.search import (
     Problem,
@@ -38,6 +40,7 @@ CLOSER = replace(COARSE, rolls=FINE.rolls)
 """What is asked of places where the search's rolls do not serve: as many rolls as after parking."""
 PLACES, TRIED = 3, 6
 """The best base and its alternatives; so many are looked at closely until as many have free ways to all tasks."""
+TRIED_ALL = "for every base that was tried"
 SCATTERED = 16_384
 """Further bases that are tried where neither one of the grid serves all nor one that steps lead to."""
 
@@ -78,10 +81,13 @@ def find_places(job: Job) -> Placement:
 
     One with free ways to all tasks comes before any that has none to some.
     """
-    coarse, closer, fine = (job.problem(one) for one in (COARSE, CLOSER, FINE))
+    coarse = job.problem(COARSE)
     bases = grid(coarse)
     if not len(bases):
         return Placement(job.room_from_ct, (), ("no base on the floor is within the arm's reach of the head",))
+    if blocked := blocked_anywhere(job, coarse, COARSE):
+        return Placement(job.room_from_ct, (), blocked)
+    closer, fine = job.problem(CLOSER), job.problem(FINE)
     search, found = coarse, worths(coarse, bases)
     if not (found >= 0.0).any():
         most, each = serving_most(coarse, bases)
@@ -131,6 +137,8 @@ def check_parked(job: Job, room_from_r: FloatArray) -> Placement:
         return Placement(job.room_from_ct, (place,), ())
     turn = np.degrees(np.arctan2(room_from_r[1, 0], room_from_r[0, 0]))
     here = np.array([[*room_from_r[:3, 3], turn]])
+    if near := in_the_way(job, fine, Floor(*((value, value) for value in here[0].tolist())), "from here"):
+        return Placement(job.room_from_ct, (), (near,))
     told = [_sentence(job, fine, n, here, "from here", here) for n in place]
     return Placement(job.room_from_ct, (), tuple(told))
 
@@ -157,11 +165,13 @@ def _blocked(job: Job, coarse: Problem, bases: FloatArray, each: NDArray[np.bool
 
     That is what no base serves at all, or what the best of them leaves out.
     """
+    if not blocking.is_parked(coarse, bases):
+        return (blocking.Blocked(blocking.UNPARKED, -np.inf, 0, 0).sentence(coarse, (), (), (), TRIED_ALL),)
     most = int(each.sum(axis=1).argmax())
     best = bases[[most]]
     never = np.flatnonzero(~each.any(axis=0))
     if len(never):
-        return tuple(_sentence(job, coarse, int(n), bases, "for every base that was tried", best) for n in never)
+        return tuple(_sentence(job, coarse, int(n), bases, TRIED_ALL, best) for n in never)
     told = [
         _sentence(job, coarse, int(n), best, "from the base that serves most", best)
         for n in np.flatnonzero(~each[most])
@@ -183,9 +193,9 @@ def _sentence(job: Job, problem: Problem, number: int, bases: FloatArray, where:
 def _other_entry(job: Job, task: Task, best: FloatArray) -> str:
     """Say which entry near that of a blocked trajectory the ``best`` base (1, 4) serves."""
     target = task.ends_mm[0]
-    starts, turns = blocking.turned_entries(task.starts_mm[0], target, job.world.head[: job.world.scalp, :3])
+    entries, turns = blocking.entries_beside(task, job.world)
     for turn in np.unique(turns):
-        ring = [replace(task, starts_mm=start[None]) for start in starts[turns == turn]]
+        ring = [entries[n] for n in np.flatnonzero(turns == turn)]
         problem = job.problem(COARSE, ring)
         (works,) = served_each(problem, best)
         if works.any():
@@ -196,4 +206,4 @@ def _other_entry(job: Job, task: Task, best: FloatArray) -> str:
             )
             place = ", ".join(f"{value:.1f}" for value in entry)
             return f"the nearest entry that works is turned by {turn:.0f} degrees about the target: ({place}) LPS"
-    return f"no entry turned by up to {turns.max():.0f} degrees about the target works either"
+    return blocking.no_entry_works(turns)
