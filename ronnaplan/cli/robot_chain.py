@@ -90,7 +90,15 @@ def _by_tracker(arguments: argparse.Namespace) -> ChainDocument:
     from ronnaplan.errors import InputError
     from ronnaplan.robot.chain import Capture, M
     from ronnaplan.robot.hand_eye import SAME_POSES
-    from ronnaplan.robot.recorded import MovedError, resting_matrix, robot_pose, seen_tool, tool_poses
+    from ronnaplan.robot.recorded import (
+        MovedError,
+        require_robots,
+        require_trackers,
+        resting_matrix,
+        robot_pose,
+        seen_tool,
+        tool_poses,
+    )
     from ronnaplan.tracking import read_recording
 
     registration, hand_eye = read_registration(arguments.registration), read_hand_eye(arguments.hand_eye)
@@ -98,6 +106,8 @@ def _by_tracker(arguments: argparse.Namespace) -> ChainDocument:
     geometry = read_template_document(arguments.geometry).placed(M, arguments.sigma_geometry)
     tracker = _only(read_recording(arguments.tracker), arguments.frame)
     robot = _only(read_recording(arguments.robot), arguments.frame)
+    require_trackers(tracker)
+    require_robots(robot)
     tool = arguments.tool or (hand_eye.tool if hand_eye.tool in tracker.tool_names else None)
     try:
         driven = resting_matrix(tool_poses(robot), "the robot")
@@ -146,6 +156,11 @@ def _elsewhere(capture: Capture, base: Pose) -> tuple[str, ...]:
     far = shift_mm > FAR * ELSEWHERE_MM or turn_deg > FAR * ELSEWHERE_DEG
     if far and (misread := mistake_in(tracker, robot, stand)):
         raise RefusedError(f"{said}, and as in it if {misread}; turn them into matrices, or a quaternion, anew")
+    if far and stand(robot, tracker):
+        raise RefusedError(
+            f"{said}, and as in it if the tracker's and the robot's poses change places, here or in that calibration; "
+            "give each recording where it belongs, to `robot hand-eye`, too"
+        )
     return (f"{said}: if neither was moved since, recordings are mixed up or not in mm",)
 
 

@@ -15,7 +15,7 @@ from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.tool_frame import locate_tool
 from ronnaplan.sigmas import SIGMA_OTS_MM, SIGMA_ROBOT_DEG, SIGMA_ROBOT_MM
 from ronnaplan.tracking import Recording, find_markers
-from ronnaplan.tracking.recording import require_one_system
+from ronnaplan.tracking.recording import require_one_system, system_of
 
 STILL_MM, STILL_DEG = 0.5, 0.5
 """Poses of something that rests scatter less about their mean than this: a tracker's noise, no movement."""
@@ -68,6 +68,41 @@ def _lacking(recording: Recording) -> str:
         f"{len(recording.points)} points and no poses; expected rows of 4 x 4 matrices, or x, y, z with a quaternion "
         "(q0, qx, qy, qz): turn angles, as a KUKA's A, B, C or a UR's rx, ry, rz, into one of these"
     )
+
+
+def require_robots(recording: Recording) -> None:
+    """Raise `InputError` where a recording that shall be the robot's is evidently a tracker's."""
+    told = [name for name in recording.tool_names if _system(name) == "tracker"]
+    if told:
+        raise InputError(
+            f"{recording.source} holds poses of {told[0]}, as a tracker tells them; expected the robot's poses of its "
+            "TCP: give the recordings of both the other way round, or the robot's own"
+        )
+    if recording.points:
+        raise InputError(
+            f"{recording.source} holds {len(recording.points)} readings of single spheres, as a tracker tells them; "
+            "expected the robot's poses of its TCP: give the recordings of both the other way round, or leave the "
+            "spheres out"
+        )
+
+
+def require_trackers(recording: Recording) -> None:
+    """Raise `InputError` where a recording that shall be a tracker's is evidently the robot's."""
+    told = [name for name in recording.tool_names if _system(name) == "robot"]
+    if told or recording.frame == R:
+        what = f"poses of {told[0]}" if told else f"poses in the frame {R}"
+        raise InputError(
+            f"{recording.source} holds {what}, as the robot tells them; expected the tracker's poses of its tool: give "
+            "the recordings of both the other way round, or the tracker's own"
+        )
+
+
+def _system(tool: str) -> str:
+    """Return whose coordinates a tool's poses are in by its name, ``XToY`` as PLUS has it; empty where it says none."""
+    system = system_of(tool).lower()
+    if "tracker" in system or system == "ots":
+        return "tracker"
+    return "robot" if "robot" in system or system in ("base", "r") else ""
 
 
 def require_numbered(recording: Recording) -> None:

@@ -142,12 +142,17 @@ class Recording:
         return counts
 
 
+def system_of(tool: str) -> str:
+    """Return the system in which the poses of ``tool`` are told by its name, ``XToY``; empty where it names none."""
+    return tool.rpartition("To")[2] if re.fullmatch("[A-Z].*To[A-Z].*", tool) else ""
+
+
 def require_one_system(tools: Iterable[str], source: str) -> None:
     """Raise `FrameMismatchError` where names of ``tools`` say, as ``XToY``, that their poses are of several systems.
 
     One whose name tells no system counts as in that of the others.
     """
-    systems = {name.rpartition("To")[2] for name in tools if re.fullmatch("[A-Z].*To[A-Z].*", name)}
+    systems = {system_of(name) for name in tools} - {""}
     if len(systems) > 1:
         raise FrameMismatchError(
             f"{source} holds poses in the coordinates of {', '.join(sorted(systems))}; expected one of them, so have "

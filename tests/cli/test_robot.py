@@ -398,8 +398,34 @@ def test_recordings_that_are_mixed_up_are_refused_or_doubted(
     assert "are the same; expected a recording of either" in told("hand-eye", tracker, tracker)[1]
     chain = ("chain", "--registration", home / "registration.json", "--geometry", session / "tool.json")
     rest = ("--tracker", session / "rest_tracker.csv", "--robot", session / "rest_robot.csv")
+    changed = "and as in it if the tracker's and the robot's poses change places, here or in that calibration"
     status, text = told(*chain, *rest, "--hand-eye", swapped)
-    assert "otherwise to each other than in the hand-eye calibration" in text
+    assert (status, changed in text) == (3, True)
+    (tmp_path / "rest.csv").write_text("\n".join(rest[1].read_text("utf-8").splitlines()[:2]), "utf-8")
+    status, text = told(
+        *chain, "--tracker", rest[3], "--robot", tmp_path / "rest.csv", "--hand-eye", home / "hand-eye.json"
+    )
+    assert (status, changed in text) == (3, True)
+    header, *rows = tracker.read_text("utf-8").splitlines()
+    of_tracker = tmp_path / "named.csv"
+    of_tracker.write_text("\n".join([f"{header},tool", *(f"{row},ToolToTracker" for row in rows)]), "utf-8")
+    assert told("hand-eye", of_tracker, robot)[0] == 0
+    asked: tuple[object, ...]
+    for asked in (
+        ("hand-eye", tracker, of_tracker),
+        (*chain, *rest[:3], of_tracker, "--hand-eye", home / "hand-eye.json"),
+        ("relocate", session / "markers", of_tracker, "--rig", home / "rig.json", "--diameter", 11.5),
+    ):
+        status, text = told(*asked)
+        assert (status, "holds poses of ToolToTracker, as a tracker tells them; expected the robot's" in text) == (
+            1,
+            True,
+        )
+    driven = tmp_path / "driven.csv"
+    driven.write_text("\n".join([f"{header},tool", *(f"{row},TcpToRobot" for row in rows)]), "utf-8")
+    for asked in (("hand-eye", driven, robot), ("pivot", driven)):
+        status, text = told(*asked)
+        assert (status, "holds poses of TcpToRobot, as the robot tells them" in text) == (1, True)
     assert "otherwise to each other" not in told(*chain, *rest, "--hand-eye", home / "hand-eye.json")[1]
     status, text = told(*chain, *rest[:3], rest[1], "--hand-eye", home / "hand-eye.json")
     assert (status, "tell the same pose" in text) == (1, True)

@@ -117,6 +117,17 @@ def test_poses_that_are_both_the_other_way_round_are_refused() -> None:
         calibrate_hand_eye(invert(seen), invert(driven))
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_of_poses_alone_nothing_tells_which_are_the_trackers(seed: int) -> None:
+    """The equation holds as well with all inverted and exchanged; where only places err, so does all that is told."""
+    seen, driven, _, _ = hand_eye_poses(seed, 40, 0.0, 0.2)
+    found, exchanged = calibrate_hand_eye(seen, driven), calibrate_hand_eye(driven, seen)
+    np.testing.assert_allclose(exchanged.m_from_tcp.matrix, invert(found.m_from_tcp.matrix), atol=0.2)
+    np.testing.assert_allclose(exchanged.robot_from_ots.matrix, invert(found.robot_from_ots.matrix), atol=0.5)
+    assert exchanged.translation_rms_mm == pytest.approx(found.translation_rms_mm, rel=0.02)
+    assert (exchanged.doubts, found.doubts) == ((), ())
+
+
 @few_or_all("cases", 3, 8)
 @few_and_others("memory", [0.9], [0.0])
 def test_hand_eye_states_its_own_error_whatever_the_noises_memory(memory: float, cases: int) -> None:

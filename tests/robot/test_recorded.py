@@ -8,10 +8,12 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.errors import InputError, RefusedError
-from ronnaplan.geometry import Points
-from ronnaplan.robot.chain import M
+from ronnaplan.geometry import Frame, Points
+from ronnaplan.robot.chain import M, R
 from ronnaplan.robot.recorded import (
     require_numbered,
+    require_robots,
+    require_trackers,
     resting_matrix,
     robot_pose,
     seen_tool,
@@ -56,6 +58,31 @@ def test_poses_that_are_only_counted_belong_to_no_others() -> None:
     require_numbered(Recording("r"))
     with pytest.raises(InputError, match=r"r does not number its poses; expected .* in a column 'frame'"):
         require_numbered(Recording("r", numbered=False))
+
+
+def test_a_recording_that_tells_whose_it_is_is_not_taken_for_the_others() -> None:
+    """Exchanged poses fit as well as others, and put the head anywhere."""
+    exchanged = "the recordings of both the other way round"
+    for name in ("ProbeToTracker", "TcpToPolarisTracker", "ToolToOTS"):
+        require_trackers(recording((0, name, placed(0))))
+        with pytest.raises(InputError, match=f"r holds poses of {name}, as a tracker tells them; .*{exchanged}"):
+            require_robots(recording((0, name, placed(0))))
+    for name in ("TcpToRobot", "FlangeToRobotBase", "TcpToBase", "TcpToR"):
+        require_robots(recording((0, name, placed(0))))
+        with pytest.raises(InputError, match=f"r holds poses of {name}, as the robot tells them; .*{exchanged}"):
+            require_trackers(recording((0, name, placed(0))))
+    for name in ("tool", "ProbeToReference", "Toto", "", "robot"):  # which say nothing
+        require_trackers(recording((0, name, placed(0))))
+        require_robots(recording((0, name, placed(0))))
+    of_robot = Recording("r", tools=(ToolReading(0, "tool", placed(0)),), frame=R)
+    require_robots(of_robot)
+    with pytest.raises(InputError, match=f"r holds poses in the frame R, as the robot tells them; .*{exchanged}"):
+        require_trackers(of_robot)
+    require_trackers(Recording("r", tools=of_robot.tools, frame=Frame("Polaris")))
+    seen = Recording("r", (PointReading(0, np.zeros(3)),) * 2, of_robot.tools)
+    require_trackers(seen)
+    with pytest.raises(InputError, match="r holds 2 readings of single spheres, as a tracker tells them"):
+        require_robots(seen)
 
 
 def test_places_without_a_rotation_are_told_what_they_lack() -> None:
