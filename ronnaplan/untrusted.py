@@ -101,11 +101,21 @@ def _no_field(value: object) -> dict[str, str]:
 
 def first_fault(error: ValidationError) -> str:
     """Name the first field that is wrong, why, and what was found there."""
-    first = error.errors(include_url=False)[0]
-    where = ".".join(printable(part) for part in first["loc"]) or "the document"
+    first, *others = error.errors(include_url=False)
+    where = _place(first["loc"])
     if first["type"] == "extra_forbidden":
         return f"{where}: no field of this document"
+    for other in others:
+        if first["type"] == "missing" and (other["type"], other["loc"][:-1]) == (
+            "extra_forbidden",
+            first["loc"][:-1],
+        ):
+            return f"{_place(other['loc'])}: no field of this document, which lacks {where}"
     return f"{where}: {first['msg'].removeprefix('Value error, ')}{_found(first['type'], first['input'])}"
+
+
+def _place(location: tuple[int | str, ...]) -> str:
+    return ".".join(map(printable, location)) or "the document"
 
 
 def _found(kind: str, value: Any) -> str:

@@ -37,6 +37,8 @@ SMALLEST_THING_MM = 10.0
 """Nothing worth keeping clear of is smaller; a table of 1.7 mm was stated in metres."""
 LEAST_RADIUS_MM = 0.25
 """Wires are thicker; a post of a radius of 0.02 mm was stated in metres."""
+UNDERGROUND_MM = 100.0
+"""A trolley whose box ends deeper beneath the floor, wherever the base stands, was told to stand otherwise."""
 LOWEST_MM = 50.0
 """Neither the middle of a head nor a tracker is nearer to the floor than half its own height."""
 
@@ -63,13 +65,32 @@ def _pointing(vector: Vector) -> Vector:
     return vector
 
 
+def _both_ends(told: object) -> object:
+    """Return least and greatest of a range, of which what does not change is told as one number."""
+    if isinstance(told, int | float) and not isinstance(told, bool):
+        return told, told
+    if not isinstance(told, list | tuple):
+        return told
+    if len(told) != 2:
+        raise ValueError(
+            f"is a list of {len(told)}; expected the least and the greatest, or one number without brackets where it "
+            "does not change"
+        )
+    return tuple(told)
+
+
 Pointing = Annotated[Vector, AfterValidator(_pointing)]
 AboveFloor = Annotated[Vector, AfterValidator(_above_floor)]
 StandoffMm = Annotated[float, Field(ge=0, le=LARGEST_STANDOFF_MM)]
 Degrees = Annotated[float, Field(ge=-LARGEST_TURN_DEG, le=LARGEST_TURN_DEG)]
 Angle = Annotated[float, Field(ge=0, le=90)]
 Sides = tuple[PositiveMm, PositiveMm, PositiveMm]
-Range = tuple[Annotated[float, Field(ge=-1e5, le=1e5)], Annotated[float, Field(ge=-1e5, le=1e5)]]
+Far = Annotated[float, Field(ge=-1e5, le=1e5)]
+Range = Annotated[tuple[Far, Far], BeforeValidator(_both_ends, json_schema_input_type=Far | tuple[Far, Far])]
+Turns = Annotated[
+    tuple[Degrees, Degrees],
+    BeforeValidator(_both_ends, json_schema_input_type=Degrees | tuple[Degrees, Degrees]),
+]
 
 
 class BoxEntry(DocumentModel):
@@ -144,7 +165,7 @@ class FloorEntry(DocumentModel):
     x: Range
     y: Range
     z: Range
-    turn_deg: tuple[Degrees, Degrees] = parts.Floor.turn_deg
+    turn_deg: Turns = parts.Floor.turn_deg
     trolley: tuple[BoxEntry, ...] = Field(default=(), max_length=MOST_THINGS)
 
     @model_validator(mode="after")
@@ -152,6 +173,18 @@ class FloorEntry(DocumentModel):
         for name, ends in (("x", self.x), ("y", self.y), ("z", self.z), ("turn_deg", self.turn_deg)):
             if ends[0] > ends[1]:
                 raise ValueError(f"{name} goes from {ends[0]:g} to {ends[1]:g}; expected the smaller one first")
+            small = ends[1] - ends[0] > 0.0 and max(map(abs, ends)) < SMALLEST_THING_MM
+            if small and name != "turn_deg":
+                raise ValueError(
+                    f"{name} goes from {ends[0]:g} to {ends[1]:g} mm; is it in metres? Expected mm, or one number "
+                    "where it does not change"
+                )
+        for one in self.trolley:
+            if (deep_mm := one.size[2] / 2 - one.center[2] - self.z[1]) > UNDERGROUND_MM:
+                raise ValueError(
+                    f"{one.name} would end {deep_mm:g} mm beneath the floor with the base at z = {self.z[1]:g}; is "
+                    "that in metres? Expected z as high as what stands under the base"
+                )
         return self
 
 

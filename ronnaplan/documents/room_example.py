@@ -42,7 +42,7 @@ superior = [-1, 0, 0]           # where the crown points
 [base]                          # where the robot's foot may stand
 x = [-1100, 700]
 y = [-1100, 1100]
-z = [800, 1000]                 # on its trolley, which can be raised
+z = [800, 1000]                 # on its trolley, which can be raised; z = 860 where it cannot
 turn_deg = [-180, 180]          # of its forward direction about z, from x
 [[base.trolley]]                # what stands under it, in its own frame
 name = "trolley"

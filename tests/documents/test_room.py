@@ -29,6 +29,18 @@ def test_the_example_is_read_as_it_is_annotated(tmp_path: Path, encoding: str) -
     np.testing.assert_allclose(room.head.room_from_ct(np.zeros(3))[:3, 1], [0, 0, -1], atol=1e-12)
 
 
+def test_what_does_not_change_is_told_by_one_number(tmp_path: Path) -> None:
+    """As the height of a trolley that is not raised."""
+    text = EXAMPLE
+    for name, ends, one in (("x", "-1100, 700", -900), ("z", "800, 1000", 860), ("turn_deg", "-180, 180", 30.5)):
+        assert f"{name} = [{ends}]" in text
+        text = text.replace(f"{name} = [{ends}]", f"{name} = {one}")
+    (tmp_path / "room.toml").write_text(text)
+    floor = read_room(tmp_path / "room.toml").floor
+    assert (floor.x_mm, floor.z_mm, floor.turn_deg) == ((-900, -900), (860, 860), (30.5, 30.5))
+    assert floor.y_mm == (-1100, 1100)
+
+
 def with_arm_body(example: str) -> str:
     """Return the example with the capsule about a link that it shows as a comment."""
     before, after = example.split("# [[arm_body]]")
@@ -49,6 +61,16 @@ def test_the_example_shows_how_an_arm_of_meshes_is_told(tmp_path: Path) -> None:
         ("version = 1", "version = 1.0", "version: is no whole number"),
         ("nearest_mm = 950", "nearest = 950", "tracker.nearest: no field"),
         ("x = [-1100, 700]", "x = [700, -1100]", "x goes from 700 to -1100"),
+        (
+            "z = [800, 1000]",
+            "z = [860]",
+            "base.z: is a list of 1; expected the least and the greatest, or one number",
+        ),
+        ("z = [800, 1000]", "z = true", "base.z"),
+        ("z = [800, 1000]", "height_mm = 860", "base.height_mm: no field of this document, which lacks base.z"),
+        ("z = [800, 1000]", "z = [0.8, 1.0]", "base: z goes from 0.8 to 1 mm; is it in metres"),
+        ("z = [800, 1000]", "z = 0.8", "base: trolley would end 799.2 mm beneath the floor .* in metres"),
+        ("x = [-1100, 700]", "x = [-1.1, 0.7]", "base: x goes from -1.1 to 0.7 mm; is it in metres"),
         ("center = [0, 0, 1050]", 'center = [0, 0, "1050"]', "head.center.2"),
         ("normal = [0, 1, -1]", "normal = [0, 0, 0]", "points somewhere"),
         ("radius = 20", "radius = 0", "capsule.0.radius"),
