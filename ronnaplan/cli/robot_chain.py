@@ -12,6 +12,8 @@ from ronnaplan.cli.robot_options import other_tool, with_robot_sigmas, with_sigm
 from ronnaplan.cli.values import whole
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ronnaplan.documents.chain import ChainDocument
     from ronnaplan.geometry import FloatArray
     from ronnaplan.pose import Pose
@@ -27,6 +29,8 @@ ELSEWHERE_MM, ELSEWHERE_DEG = 3.0, 1.0
 """Robot and tracker that have not been moved come nearer than this to where the tool's calibration had them."""
 FAR = 10.0
 """So many times as far off nothing comes back there by chance where poses are read in another way."""
+OTHER_UNITS_MM = {"cm": 10.0, "inches": 25.4, "tenths of a mm": 0.1}
+"""Units in which a recording's places are not seen to be no mm; of metres they are."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -98,6 +102,7 @@ def _by_tracker(arguments: argparse.Namespace) -> ChainDocument:
         robot_pose,
         seen_tool,
         tool_poses,
+        uncounted,
     )
     from ronnaplan.tracking import read_recording
 
@@ -123,6 +128,7 @@ def _by_tracker(arguments: argparse.Namespace) -> ChainDocument:
         seen, hand_eye.tool_pose, robot_pose(driven, arguments.sigma_robot, arguments.sigma_robot_deg)
     )
     notes = (*registration.doubts, *registration.notes, *hand_eye.notes, *tracker.notes, *robot.notes)
+    notes += (*uncounted(tracker, tool), *uncounted(robot))
     notes += other_tool(hand_eye.tool, tool or next(iter(tracker.tool_names), None))
     notes += _elsewhere(capture, hand_eye.base_pose)
     middle = np.array([pair.center for pair in registration.pairs]).mean(axis=0)
@@ -156,12 +162,30 @@ def _elsewhere(capture: Capture, base: Pose) -> tuple[str, ...]:
     far = shift_mm > FAR * ELSEWHERE_MM or turn_deg > FAR * ELSEWHERE_DEG
     if far and (misread := mistake_in(tracker, robot, stand)):
         raise RefusedError(f"{said}, and as in it if {misread}; turn them into matrices, or a quaternion, anew")
+    if far and (unit := _other_unit(tracker, robot, stand)):
+        raise RefusedError(f"{said}, and as in it if {unit}; give all in mm")
     if far and stand(robot, tracker):
         raise RefusedError(
             f"{said}, and as in it if the tracker's and the robot's poses change places, here or in that calibration; "
             "give each recording where it belongs, to `robot hand-eye`, too"
         )
     return (f"{said}: if neither was moved since, recordings are mixed up or not in mm",)
+
+
+def _other_unit(tracker: FloatArray, robot: FloatArray, stand: Callable[[FloatArray, FloatArray], bool]) -> str:
+    """Say in which unit places (N, 4, 4) would be as in the calibration; empty where they are in none."""
+    from ronnaplan.pose import rigid
+
+    for unit, length_mm in OTHER_UNITS_MM.items():
+        seen, driven = (rigid(one[:, :3, :3], one[:, :3, 3] * length_mm) for one in (tracker, robot))
+        for whose, poses in (
+            ("the tracker's places are", (seen, robot)),
+            ("the robot's places are", (tracker, driven)),
+            ("the places of both are", (seen, driven)),
+        ):
+            if stand(*poses):
+                return f"{whose} in {unit}"
+    return ""
 
 
 def _by_stereo(arguments: argparse.Namespace) -> ChainDocument:
@@ -180,13 +204,15 @@ def _by_stereo(arguments: argparse.Namespace) -> ChainDocument:
 
 
 def _only(recording: Recording, frame: int | None) -> Recording:
-    """Return the recording, or one frame of it."""
+    """Return the recording, or one frame of it; raises `InputError` where it has no such frame."""
     from dataclasses import replace
+
+    from ronnaplan.errors import InputError
 
     if frame is None:
         return recording
-    return replace(
-        recording,
-        points=tuple(one for one in recording.points if one.frame == frame),
-        tools=tuple(one for one in recording.tools if one.frame == frame),
-    )
+    points = tuple(one for one in recording.points if one.frame == frame)
+    tools = tuple(one for one in recording.tools if one.frame == frame)
+    if not points and not tools:
+        raise InputError(f"{recording.source} has no reading of frame {frame}; name one that both recordings have")
+    return replace(recording, points=points, tools=tools)

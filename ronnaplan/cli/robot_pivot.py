@@ -22,7 +22,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.revision import write_document
     from ronnaplan.documents.tool import pivot_document, read_pivot
     from ronnaplan.robot.pivot import calibrate_pivot
-    from ronnaplan.robot.recorded import require_trackers, tool_poses
+    from ronnaplan.robot.recorded import require_trackers, tool_poses, uncounted
     from ronnaplan.text import runs
     from ronnaplan.tracking import read_recording
 
@@ -30,7 +30,7 @@ def run(arguments: argparse.Namespace) -> int:
     require_trackers(recording)
     poses = tool_poses(recording, arguments.tool)
     found = calibrate_pivot(list(poses.values()))
-    notes = (*recording.notes, *found.doubts)
+    notes = (*recording.notes, *uncounted(recording, arguments.tool), *found.doubts)
     warn(*notes)
     document = pivot_document(found, calibrated_tool(recording, arguments.tool), notes)
     write_document(arguments.output, document, read_pivot)

@@ -34,7 +34,14 @@ def seconds(text: str) -> float:
 
 def wait(text: str) -> float:
     """Return how long something is waited for, which may be not at all."""
-    return 0.0 if plain_number(text) == 0 else seconds(text)
+    from ronnaplan.tracking.openigtlink import LONGEST_S
+
+    value = plain_number(text)
+    if value is None or not 0 <= value <= LONGEST_S:
+        raise argparse.ArgumentTypeError(
+            f"{_short(text)} is no duration; expected a number of seconds, 0 for not at all, up to {LONGEST_S:g}"
+        )
+    return value
 
 
 def number(text: str) -> float:

@@ -39,6 +39,8 @@ LEAST_RADIUS_MM = 0.25
 """Wires are thicker; a post of a radius of 0.02 mm was stated in metres."""
 UNDERGROUND_MM = 100.0
 """A trolley whose box ends deeper beneath the floor, wherever the base stands, was told to stand otherwise."""
+LEAST_LENGTH_MM, LEAST_PLACE_MM = 0.1, 1.0
+"""Clearances of less, and places on the flange nearer to its middle, are zero or were stated in metres."""
 LOWEST_MM = 50.0
 """Neither the middle of a head nor a tracker is nearer to the floor than half its own height."""
 
@@ -55,6 +57,21 @@ def _above_floor(vector: Vector) -> Vector:
         raise ValueError(
             f"is {vector}, {vector[2]:g} mm above the floor; is it in metres? Expected {LOWEST_MM:g} or more, z up "
             "from the floor"
+        )
+    return vector
+
+
+def _no_metres(length_mm: float) -> float:
+    if 0.0 < length_mm < LEAST_LENGTH_MM:
+        raise ValueError(f"is {length_mm:g} mm; is it in metres? Expected 0, or {LEAST_LENGTH_MM:g} or more")
+    return length_mm
+
+
+def _on_flange(vector: Vector) -> Vector:
+    if 0.0 < math.hypot(*vector) < LEAST_PLACE_MM:
+        raise ValueError(
+            f"is {vector}, within a millimetre of the flange's middle; is it in metres? Expected that middle, or "
+            f"{LEAST_PLACE_MM:g} or more from it"
         )
     return vector
 
@@ -81,7 +98,9 @@ def _both_ends(told: object) -> object:
 
 Pointing = Annotated[Vector, AfterValidator(_pointing)]
 AboveFloor = Annotated[Vector, AfterValidator(_above_floor)]
-StandoffMm = Annotated[float, Field(ge=0, le=LARGEST_STANDOFF_MM)]
+OnFlange = Annotated[Vector, AfterValidator(_on_flange)]
+KeptMm = Annotated[LengthMm, AfterValidator(_no_metres)]
+StandoffMm = Annotated[float, Field(ge=0, le=LARGEST_STANDOFF_MM), AfterValidator(_no_metres)]
 Degrees = Annotated[float, Field(ge=-LARGEST_TURN_DEG, le=LARGEST_TURN_DEG)]
 Angle = Annotated[float, Field(ge=0, le=90)]
 Sides = tuple[PositiveMm, PositiveMm, PositiveMm]
@@ -191,7 +210,7 @@ class FloorEntry(DocumentModel):
 class ToolMarkerEntry(DocumentModel):
     """The tracker's marker on the tool."""
 
-    at: Vector
+    at: OnFlange
     normal: Pointing
     seen_deg: Angle = parts.ToolMarker.seen_deg
 
@@ -199,7 +218,7 @@ class ToolMarkerEntry(DocumentModel):
 class ToolEntry(DocumentModel):
     """The instrument holder, in the flange's frame."""
 
-    start: Vector = parts.Tool.start_mm
+    start: OnFlange = parts.Tool.start_mm
     direction: Pointing = parts.Tool.direction
     standoff_mm: StandoffMm = parts.Tool.standoff_mm
     x_axis: Pointing | None = None
@@ -222,7 +241,7 @@ class ToolEntry(DocumentModel):
 class CameraEntry(DocumentModel):
     """The stereo cameras, in the flange's frame."""
 
-    tcp: Vector = parts.Camera.tcp_mm
+    tcp: OnFlange = parts.Camera.tcp_mm
     direction: Pointing = parts.Camera.direction
     tilt_deg: Angle = parts.Camera.tilt_deg
     standoff_mm: Annotated[float, Field(ge=LEAST_VIEW_MM, le=LARGEST_STANDOFF_MM)] = parts.Camera.standoff_mm
@@ -232,13 +251,15 @@ class TrackerEntry(DocumentModel):
     """The tracker."""
 
     position: AboveFloor
-    nearest_mm: LengthMm = parts.Tracker.nearest_mm
+    nearest_mm: KeptMm = parts.Tracker.nearest_mm
     farthest_mm: PositiveMm = parts.Tracker.farthest_mm
-    body_mm: LengthMm = parts.Tracker.body_mm
-    beam_mm: LengthMm = parts.Tracker.beam_mm
+    body_mm: KeptMm = parts.Tracker.body_mm
+    beam_mm: KeptMm = parts.Tracker.beam_mm
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        if self.farthest_mm < SMALLEST_THING_MM:
+            raise ValueError(f"it sees up to {self.farthest_mm:g} mm far; is that in metres? Expected mm")
         if self.nearest_mm >= self.farthest_mm:
             raise ValueError(
                 f"it sees from {self.nearest_mm:g} to {self.farthest_mm:g} mm; expected farthest_mm beyond nearest_mm"
@@ -251,14 +272,14 @@ class MarginsEntry(DocumentModel):
 
     joint_deg: Angle = parts.Margins.joint_deg
     singularity_deg: Annotated[float, Field(ge=1, le=90)] = parts.Margins.singularity_deg
-    clearance_mm: LengthMm = parts.Margins.clearance_mm
+    clearance_mm: KeptMm = parts.Margins.clearance_mm
     tracker_deg: Angle = parts.Margins.tracker_deg
 
 
 class ParkingEntry(DocumentModel):
     """One standard deviation of where the robot comes to stand."""
 
-    sigma_mm: LengthMm = parts.Parking.sigma_mm
+    sigma_mm: KeptMm = parts.Parking.sigma_mm
     sigma_deg: Angle = parts.Parking.sigma_deg
 
 

@@ -12,6 +12,7 @@ from ronnaplan.geometry import FloatArray, Points, require_sigma
 from ronnaplan.pose import Pose, about, as_pose, require_millimetres_away, transform_points
 from ronnaplan.rigid import pose_covariance, require_spread
 from ronnaplan.robot.chain import OTS, TCP, M, R
+from ronnaplan.robot.pivot import LONGEST_TOOL_MM
 from ronnaplan.robot.tool_frame import locate_tool
 from ronnaplan.sigmas import SIGMA_OTS_MM, SIGMA_ROBOT_DEG, SIGMA_ROBOT_MM
 from ronnaplan.tracking import Recording, find_markers
@@ -60,6 +61,16 @@ def tool_poses(recording: Recording, tool: str | None = None) -> dict[int, Float
     return dict(sorted(found.items()))
 
 
+def uncounted(recording: Recording, tool: str | None = None) -> tuple[str, ...]:
+    """Say how many readings of ``tool``, or of all, do not count, and what most of them say."""
+    asked = [reading for reading in recording.tools if tool in (None, reading.tool)]
+    said = Counter(reading.status for reading in asked if not reading.usable)
+    if not said:
+        return ()
+    most = said.most_common(1)[0][0]
+    return (f"{recording.source}: {said.total()} of {len(asked)} poses do not count, most say '{most}'",)
+
+
 def _lacking(recording: Recording) -> str:
     """Say what a recording without poses holds, and what was expected."""
     if not recording.points:
@@ -78,7 +89,7 @@ def require_robots(recording: Recording) -> None:
             f"{recording.source} holds poses of {told[0]}, as a tracker tells them; expected the robot's poses of its "
             "TCP: give the recordings of both the other way round, or the robot's own"
         )
-    if recording.points:
+    if recording.points and recording.tools:
         raise InputError(
             f"{recording.source} holds {len(recording.points)} readings of single spheres, as a tracker tells them; "
             "expected the robot's poses of its TCP: give the recordings of both the other way round, or leave the "
@@ -165,6 +176,12 @@ def seen_tool(
     OTS.require(recording.frame)
     require_sigma(sigma_mm, "the tracker error")
     require_spread(geometry.positions_mm, "spheres of the tool")
+    farthest_mm = float(np.linalg.norm(geometry.positions_mm, axis=1).max())
+    if farthest_mm > LONGEST_TOOL_MM:
+        raise InputError(
+            f"a sphere of the tool lies {farthest_mm:.0f} mm from M; expected at most {LONGEST_TOOL_MM:g}: check the "
+            "units of its geometry, and that it is told in M"
+        )
     require_one_system((one.tool for one in recording.tools if one.usable), recording.source)
     if not recording.tools:
         found = locate_tool(geometry, find_markers(recording, sigma_mm=sigma_mm).points, expected=len(geometry))

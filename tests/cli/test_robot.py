@@ -547,6 +547,48 @@ def test_a_resting_pose_that_was_misread_is_refused_as_such(
     assert not (tmp_path / "chain.json").exists()
 
 
+@pytest.mark.parametrize(("unit", "length_mm"), [("cm", 10.0), ("inches", 25.4), ("tenths of a mm", 0.1)])
+@pytest.mark.parametrize("whose", ["tracker", "robot"])
+def test_a_tool_at_rest_in_another_unit_is_refused(
+    whose: str, unit: str, length_mm: float, home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The chain was written, with a warning, metres beside the robot."""
+    given = {
+        "registration": home / "registration.json",
+        "hand-eye": home / "hand-eye.json",
+        "tracker": home / "session" / "rest_tracker.csv",
+        "geometry": home / "session" / "tool.json",
+        "robot": home / "session" / "rest_robot.csv",
+    }
+    header, *rows = given[whose].read_text("utf-8").splitlines()
+    table = np.array([[float(cell) for cell in row.split(",")] for row in rows])
+    table[:, [4, 8, 12]] /= length_mm
+    given[whose] = tmp_path / "rest.csv"
+    lines = [",".join([str(int(row[0])), *map(str, row[1:])]) for row in table]
+    given[whose].write_text("\n".join([header, *lines]), "utf-8")
+    options = [str(part) for name, path in given.items() for part in (f"--{name}", path)]
+    assert main(["robot", "chain", *options, "-o", str(tmp_path / "chain.json")]) == 3
+    assert f"and as in it if the {whose}'s places are in {unit}; give all in mm" in capsys.readouterr().err
+    assert not (tmp_path / "chain.json").exists()
+
+
+def test_a_frame_that_is_not_there_and_poses_that_do_not_count_are_told(
+    home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lost, session = tmp_path / "lost.csv", home / "session"
+    chain = ("--registration", home / "registration.json", "--hand-eye", home / "hand-eye.json")
+    others = ("--geometry", session / "tool.json", "--robot", session / "rest_robot.csv")
+    asked = ["robot", "chain", *map(str, (*chain, *others)), "--tracker"]
+    assert main([*asked, str(session / "rest_tracker.csv"), "--frame", "99"]) == 1
+    assert "rest_tracker.csv has no reading of frame 99" in capsys.readouterr().err
+    for name, command in (("rest_tracker", asked), ("pivot", ["robot", "pivot"])):
+        header, _, *rows = (session / f"{name}.csv").read_text("utf-8").splitlines()
+        hidden = ",".join(["0", *["nan"] * 16])
+        lost.write_text("\n".join([header, hidden, *rows]), "utf-8")
+        assert main([*command, str(lost), "-o", str(tmp_path / "out.json")]) == 0
+        assert f"lost.csv: 1 of {1 + len(rows)} poses do not count, most say 'no pose" in capsys.readouterr().err
+
+
 def test_recordings_without_rows_are_said_to_hold_no_poses(
     home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

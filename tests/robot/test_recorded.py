@@ -1,5 +1,6 @@
 """Poses out of recordings: which belong together, and where something that rested was."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from ronnaplan.robot.recorded import (
     seen_tool,
     simultaneous,
     tool_poses,
+    uncounted,
 )
 from ronnaplan.robot.stereo.images import read_pairs
 from ronnaplan.tracking import PointReading, Recording, ToolReading
@@ -145,6 +147,22 @@ def test_a_tools_pose_has_the_error_of_its_spheres_readings() -> None:
     for pose in (of_poses, of_spheres):
         np.testing.assert_allclose(pose.matrix, true, atol=1e-6)
         assert np.sqrt(np.trace(pose.point_covariances(lever)[0])) == pytest.approx(scatter, rel=0.1)
+
+
+def test_a_tool_whose_spheres_lie_where_no_tool_s_do_is_refused() -> None:
+    """Ten times as large it was stated to be seen three times as exactly."""
+    at_rest = recording((0, "a", placed(0)))
+    seen_tool(at_rest, Points.exact(5 * SPHERES, tuple("ABCD"), M))
+    with pytest.raises(InputError, match=r"a sphere of the tool lies 900 mm from M; expected at most 800"):
+        seen_tool(at_rest, Points.exact(10 * SPHERES, tuple("ABCD"), M))
+
+
+def test_poses_that_do_not_count_are_told() -> None:
+    assert uncounted(recording((0, "a", placed(0)))) == ()
+    some = recording((0, "a", placed(0)), (1, "a", None), (2, "b", None))
+    lost = Recording("r", tools=tuple(replace(one, status="hidden" if one.frame else "ok") for one in some.tools))
+    assert uncounted(lost, "a") == ("r: 1 of 2 poses do not count, most say 'hidden'",)
+    assert uncounted(lost) == ("r: 2 of 3 poses do not count, most say 'hidden'",)
 
 
 def test_the_robots_error_is_about_its_tcp() -> None:
