@@ -56,10 +56,13 @@ def _held(arm: SerialArm, holds: Sequence[tuple[str, float]]) -> SerialArm:
 def example(arguments: argparse.Namespace) -> str:
     """Return a room to begin with, for the arm that is named; raises `InputError` for one that is not served."""
     from ronnaplan.documents.room_example import EXAMPLE, example_of
+    from ronnaplan.robot.arm.kuka import kr6_r900
     from ronnaplan.robot.arm.urdf import read_urdf
     from ronnaplan.robot.arm.wrist import wrist_of
 
     if arguments.arm == BUILT_IN:
+        _require_no_link(arguments)
+        wrist_of(_held(kr6_r900(), arguments.hold))
         return EXAMPLE
     read = read_urdf(arguments.arm, tip=arguments.tip, base=arguments.base)
     turning = _held(read.arm, arguments.hold)
@@ -67,18 +70,24 @@ def example(arguments: argparse.Namespace) -> str:
     return example_of(read.arm, turning, are_meshes=bool(read.shapeless))
 
 
+def _require_no_link(arguments: argparse.Namespace) -> None:
+    """Raise `UsageError` for a link that is named of the built-in arm."""
+    from ronnaplan.errors import UsageError
+
+    for option, link in (("--tip", arguments.tip), ("--base", arguments.base)):
+        if link is not None:
+            raise UsageError(
+                f"{option} is a link of a URDF file, and {BUILT_IN} is none; give the file with --arm"
+            )
+
+
 def _described(arguments: argparse.Namespace, room: Room) -> tuple[SerialArm, list[str]]:
     """Return the built-in arm, or that of a file, and what of its shapes is not known."""
-    from ronnaplan.errors import UsageError
     from ronnaplan.robot.arm.kuka import kr6_r900
     from ronnaplan.robot.arm.urdf import BASE, read_urdf
 
     if arguments.arm == BUILT_IN:
-        if arguments.tip is not None or arguments.base is not None:
-            option = "--tip" if arguments.tip is not None else "--base"
-            raise UsageError(
-                f"{option} is a link of a URDF file, and {BUILT_IN} is none; give the file with --arm"
-            )
+        _require_no_link(arguments)
         return kr6_r900(), []
     read = read_urdf(arguments.arm, tip=arguments.tip, base=arguments.base)
     notes = _flange_notes(read, room, arguments.tip is not None)

@@ -37,8 +37,6 @@ SMALLEST_THING_MM = 10.0
 """Nothing worth keeping clear of is smaller; a table of 1.7 mm was stated in metres."""
 LEAST_RADIUS_MM = 0.25
 """Wires are thicker; a post of a radius of 0.02 mm was stated in metres."""
-UNDERGROUND_MM = 100.0
-"""A trolley whose box ends deeper beneath the floor, wherever the base stands, was told to stand otherwise."""
 LEAST_LENGTH_MM, LEAST_PLACE_MM = 0.1, 1.0
 """Clearances of less, and places on the flange nearer to its middle, are zero or were stated in metres."""
 LOWEST_MM = 50.0
@@ -198,13 +196,13 @@ class FloorEntry(DocumentModel):
                     f"{name} goes from {ends[0]:g} to {ends[1]:g} mm; is it in metres? Expected mm, or one number "
                     "where it does not change"
                 )
-        for one in self.trolley:
-            if (deep_mm := one.size[2] / 2 - one.center[2] - self.z[1]) > UNDERGROUND_MM:
-                raise ValueError(
-                    f"{one.name} would end {deep_mm:g} mm beneath the floor with the base at z = {self.z[1]:g}; is "
-                    "that in metres? Expected z as high as what stands under the base"
-                )
+        with told_by_reader():
+            self.floor().require_above(self.z[1])
         return self
+
+    def floor(self) -> parts.Floor:
+        """The floor."""
+        return parts.Floor(self.x, self.y, self.z, self.turn_deg, tuple(one.box for one in self.trolley))
 
 
 class ToolMarkerEntry(DocumentModel):
@@ -324,10 +322,10 @@ class RoomDocument(DocumentModel):
     @property
     def room(self) -> parts.Room:
         """The room."""
-        base, camera = self.base, self.camera
+        camera = self.camera
         return parts.Room(
             head=self.head.pose(),
-            floor=parts.Floor(base.x, base.y, base.z, base.turn_deg, tuple(one.box for one in base.trolley)),
+            floor=self.base.floor(),
             tracker=None if self.tracker is None else _tracker(self.tracker),
             tool=self.tool.tool(),
             camera=parts.Camera(camera.tcp, camera.direction, camera.tilt_deg, camera.standoff_mm),

@@ -237,6 +237,15 @@ def test_a_base_that_no_room_holds_is_wrong_usage(
     assert "expected up to 100000 mm and 360 degrees either way" in capsys.readouterr().err
 
 
+def test_a_base_in_metres_is_refused_by_where_its_trolley_would_end(
+    case: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was out of reach, and another entry was proposed in its place."""
+    assert main([*case, "--parked", "-1.095", "-0.1", "0.806", "31"]) == 1
+    told = "trolley would end 799 mm beneath the floor with the base at z = 0.806; expected z as"
+    assert told in capsys.readouterr().err
+
+
 def test_a_chain_of_another_scan_is_refused_also_where_no_frame_of_reference_tells_it(
     case: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -328,8 +337,11 @@ def test_what_is_missing_is_named(case: list[str], capsys: pytest.CaptureFixture
     assert "robot place needs --scene" in capsys.readouterr().err
     assert main([*case, "--arm", "nowhere.urdf"]) == 1
     assert "nowhere.urdf cannot be read" in capsys.readouterr().err
-    assert main([*case, "--tip", "tool0"]) == 2
-    assert "--tip is a link of a URDF file" in capsys.readouterr().err
+    for asked in (case, ["robot", "place", "--example"]):
+        assert main([*asked, "--tip", "tool0"]) == 2
+        assert "--tip is a link of a URDF file" in capsys.readouterr().err
+    assert main(["robot", "place", "--example", "--hold", "A1=0"]) == 1
+    assert "kr6r900 has 5 joints" in capsys.readouterr().err
 
 
 def test_a_base_that_stands_apart_from_the_root_is_told_until_one_of_both_is_named(

@@ -69,7 +69,7 @@ def test_the_example_shows_how_an_arm_of_meshes_is_told(tmp_path: Path) -> None:
         ("z = [800, 1000]", "z = true", "base.z"),
         ("z = [800, 1000]", "height_mm = 860", "base.height_mm: no field of this document, which lacks base.z"),
         ("z = [800, 1000]", "z = [0.8, 1.0]", "base: z goes from 0.8 to 1 mm; is it in metres"),
-        ("z = [800, 1000]", "z = 0.8", "base: trolley would end 799.2 mm beneath the floor .* in metres"),
+        ("z = [800, 1000]", "z = 0.8", "base: trolley would end 799 mm beneath the floor .* in metres"),
         ("x = [-1100, 700]", "x = [-1.1, 0.7]", "base: x goes from -1.1 to 0.7 mm; is it in metres"),
         (
             "start = [0, 0, 120]",

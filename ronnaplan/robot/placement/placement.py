@@ -130,7 +130,11 @@ def _elsewhere(
 
 
 def check_parked(job: Job, room_from_r: FloatArray) -> Placement:
-    """Return how a base that was measured, ``room_from_r`` (4, 4), serves all, or what stands in the way there."""
+    """Return how a base that was measured, ``room_from_r`` (4, 4), serves all, or what stands in the way there.
+
+    Raises `InputError` for one that is so low that its trolley would be in the floor.
+    """
+    job.room.floor.require_above(float(room_from_r[2, 3]))
     fine = job.problem(FINE)
     place = _place(job, fine, room_from_r, None)
     if isinstance(place, Place):

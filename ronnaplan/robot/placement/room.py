@@ -13,6 +13,8 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, unit
 from ronnaplan.pose import rigid
 
+UNDERGROUND_MM = 100.0
+"""A trolley whose boxes end deeper beneath the floor was told to stand otherwise, as in metres."""
 SQUARE = 1e-3
 """Largest cosine between two directions that were stated as perpendicular."""
 
@@ -130,6 +132,15 @@ class Floor:
     z_mm: tuple[float, float]
     turn_deg: tuple[float, float] = (-180.0, 180.0)
     trolley: tuple[Box, ...] = ()
+
+    def require_above(self, z_mm: float) -> None:
+        """Raise `InputError` for a base so low that a box of the trolley would be in the floor."""
+        for one in self.trolley:
+            if (deep_mm := one.size_mm[2] / 2 - one.center_mm[2] - z_mm) > UNDERGROUND_MM:
+                raise InputError(
+                    f"{one.name} would end {deep_mm:.0f} mm beneath the floor with the base at z = {z_mm:g}; expected z "
+                    "as high as what stands under the base: is that in metres, or does the head lie elsewhere?"
+                )
 
 
 @dataclass(frozen=True)
