@@ -242,7 +242,7 @@ def test_a_base_in_metres_is_refused_by_where_its_trolley_would_end(
 ) -> None:
     """It was out of reach, and another entry was proposed in its place."""
     assert main([*case, "--parked", "-1.095", "-0.1", "0.806", "31"]) == 1
-    told = "trolley would end 799 mm beneath the floor with the base at z = 0.806; expected z as"
+    told = "trolley would end 799 mm beneath the floor with the base at z = 0.806; expected z"
     assert told in capsys.readouterr().err
 
 

@@ -138,8 +138,8 @@ class Floor:
         for one in self.trolley:
             if (deep_mm := one.size_mm[2] / 2 - one.center_mm[2] - z_mm) > UNDERGROUND_MM:
                 raise InputError(
-                    f"{one.name} would end {deep_mm:.0f} mm beneath the floor with the base at z = {z_mm:g}; expected z "
-                    "as high as what stands under the base: is that in metres, or does the head lie elsewhere?"
+                    f"{one.name} would end {deep_mm:.0f} mm beneath the floor with the base at z = {z_mm:g}; expected "
+                    "z as high as what stands under the base: is that in metres, or does the head lie elsewhere?"
                 )
 
 
