@@ -153,17 +153,35 @@ def _require_apart(machine: Machine, arm: SerialArm, room: Room) -> None:
     What stands on the base is left out: how joint 1 stands to it is told by the tasks.
     """
     names = body_names(arm, room)
-    frames = link_frames(arm, np.radians(room.reference_deg))
-    placed = [_moved(frames[link], row) for link, row in zip(machine.links, machine.bodies, strict=True)]
+    (here,) = _apart_mm(machine, arm, np.radians([room.reference_deg]))
     for k, j in np.argwhere((machine.kept[:-1] != FREE) & (machine.links > 0)).tolist():
         need = room.margins.clearance_mm if machine.kept[k, j] == CLEAR else 0.0
-        apart = segment_segment(placed[k], placed[j]) - placed[k][6] - placed[j][6]
-        if apart < need:
-            asked = f"{need:g} mm apart" if need else "apart"
+        if here[k, j] >= need:
+            continue
+        low, high = machine.wrist.limits.T
+        postures = np.random.default_rng(0).uniform(low, high, (SAMPLED, len(arm)))
+        greatest = float(_apart_mm(machine, arm, postures)[:, k, j].max())
+        if greatest < need:
             raise InputError(
-                f"in the posture reference_deg of the room {names[k]} {how_near(apart)} {names[j]}, so that no way "
-                f"leads from it; state a posture in which they are {asked}"
+                f"{names[k]} {how_near(greatest)} {names[j]} in {SAMPLED} postures between the joints' limits, as both "
+                f"are drawn; {need:g} mm are asked for: draw them more closely, with smaller radii or more capsules"
             )
+        asked = f"{need:g} mm apart" if need else "apart"
+        raise InputError(
+            f"in the posture reference_deg of the room {names[k]} {how_near(here[k, j])} {names[j]}, so that no way "
+            f"leads from it; state a posture in which they are {asked}"
+        )
+
+
+def _apart_mm(machine: Machine, arm: SerialArm, postures: FloatArray) -> FloatArray:
+    """Return how far each body is from those before it in ``postures`` (P, 6), rad: (P, K, K), of others infinite."""
+    frames = link_frames(arm, postures)
+    found = np.full((len(postures), len(machine.links), len(machine.links)), np.inf)
+    for p, here in enumerate(frames):
+        placed = [_moved(here[link], row) for link, row in zip(machine.links, machine.bodies, strict=True)]
+        for k, j in np.argwhere(machine.kept[:-1] != FREE).tolist():
+            found[p, k, j] = segment_segment(placed[k], placed[j]) - placed[k][6] - placed[j][6]
+    return found
 
 
 def _moved(pose: FloatArray, row: FloatArray) -> FloatArray:

@@ -31,7 +31,7 @@ from ronnaplan.robot.placement.machine import machine_of
 from ronnaplan.robot.placement.most import served_each
 from ronnaplan.robot.placement.parking import strayed
 from ronnaplan.robot.placement.placement import COARSE, Placement, check_parked, find_places
-from ronnaplan.robot.placement.room import Box, Capsule, Floor, HeadPose, Margins, Parking
+from ronnaplan.robot.placement.room import Box, Capsule, Floor, HeadPose, Margins, Parking, Tool
 from ronnaplan.robot.placement.route import Route, plan_route
 from ronnaplan.robot.placement.search import Problem, asking, base_pose, grid, within, worths
 from ronnaplan.robot.placement.serving import Served
@@ -252,6 +252,26 @@ def test_a_reference_posture_in_which_the_robot_meets_itself_is_refused_before_a
         InputError, match=r"comes within \d+ mm of .*; state a posture in which they are 400 mm apart"
     ):
         find_places(given)
+
+
+def test_links_that_are_drawn_so_thickly_that_no_posture_parts_them_are_named(tmp_path: Path) -> None:
+    """Another posture was asked for, and there is none: a UR5e's wrist is 140 mm from joint 4 to its last link."""
+    arm = read(ur(UR5E_M), tmp_path)
+    for radius_mm, told in (
+        (75.0, r"flange would meet forearm in 512 postures .*; 20 mm are asked for"),
+        (40.0, ""),
+    ):
+        forearm, flange = (
+            (link, Capsule(name, (0.0, 0.0, 0.0), end, radius_mm))
+            for link, name, end in ((3, "forearm", (-392.2, 0.0, 133.3)), (6, "flange", (0.0, 0.0, 20.0)))
+        )
+        posture = (0.0, -79.0, 80.0, 60.0, 81.0, -17.0)
+        placed = room(reference_deg=posture, arm_bodies=(forearm, flange), tool=Tool((0.0, 0.0, 120.0)))
+        if told:
+            with pytest.raises(InputError, match=told):
+                machine_of(arm, placed)
+        else:
+            machine_of(arm, placed)
 
 
 def test_a_reference_posture_may_be_at_a_limit() -> None:
