@@ -34,24 +34,33 @@ TURN_DEG = 1.0
 SPARE_MM = 1e-3
 """Nothing is out of reach by less."""
 ANYWHERE = "for every base on the floor"
+BOX = 8
+"""Numbers of a box, in place of a capsule's seven."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """What stands on the base: a box of the trolley, or a body of the arm's foot, by its number there."""
+    """What stands on the base: a box of the trolley, or a body of the arm, by its number there."""
 
     stage: int
     number: int
-    reach_mm: float
-    """How far it is from the axis about which the base turns."""
+    row: FloatArray
+    """A box (8,) or a capsule (7,) in the base's frame."""
 
-    def at(self, machine: Machine, base: FloatArray) -> FloatArray:
-        """Return it as a row, a box (8,) or a capsule (7,), in the room."""
-        if self.stage == UNPARKED:
-            box: FloatArray = place_trolley(machine, base)[self.number]
+    @property
+    def reach_mm(self) -> float:
+        """How far it is from the axis about which the base turns, at most."""
+        if len(self.row) == BOX:
+            return float(np.hypot(*self.row[:2]) + np.hypot(*self.row[3:5]))
+        return float(max(np.hypot(*self.row[:2]), np.hypot(*self.row[3:5])) + self.row[6])
+
+    def on(self, machine: Machine, base: FloatArray) -> FloatArray:
+        """Return it in the room, on an upright ``base`` (4, 4)."""
+        if len(self.row) == BOX:
+            box: FloatArray = place_trolley(machine._replace(trolley=self.row[None]), base)[0]
             return box
         moved = np.empty(7)
-        moved_capsule(base, machine.bodies[self.number], moved)
+        moved_capsule(base, self.row, moved)
         return moved
 
 
@@ -65,7 +74,7 @@ def blocked_anywhere(job: Job, problem: Problem, fineness: Fineness) -> tuple[st
 
 
 def in_the_way(job: Job, problem: Problem, floor: Floor, where: str) -> str | None:
-    """Say what comes too near to the trolley, or to the arm's foot, from each base of ``floor``; None for nothing.
+    """Say what comes too near to the trolley or the arm's lowest links from each base of ``floor``; None for nothing.
 
     The distance of two convex bodies is convex as one is shifted, so that it is largest in a corner of the floor.
     Between two turns it grows by no more than what stands on the base is moved.
@@ -75,13 +84,13 @@ def in_the_way(job: Job, problem: Problem, floor: Floor, where: str) -> str | No
     bases = [base_pose(place) for place in places]
     for part in _parts(machine):
         enough = need - part.reach_mm * np.radians(step_deg) / 2
-        first = part.at(machine, bases[0])
+        first = part.on(machine, bases[0])
         for other, thing in _things(problem.world):
             if apart_mm(first, thing) >= enough:
                 continue
             away = -np.inf
             for base in bases:
-                away = max(away, apart_mm(part.at(machine, base), thing))
+                away = max(away, apart_mm(part.on(machine, base), thing))
                 if away >= enough:
                     break
             else:
@@ -92,11 +101,11 @@ def in_the_way(job: Job, problem: Problem, floor: Floor, where: str) -> str | No
 
 def apart_mm(one: FloatArray, other: FloatArray) -> float:
     """Return the distance between two of boxes (8,) and capsules (7,)."""
-    if len(one) == len(other) == 8:
+    if len(one) == len(other) == BOX:
         return float(box_box(one, other))
     if len(one) == len(other):
         return float(segment_segment(one, other) - one[6] - other[6])
-    box, capsule = (one, other) if len(one) == 8 else (other, one)
+    box, capsule = (one, other) if len(one) == BOX else (other, one)
     return float(segment_box(capsule, box, np.inf) - capsule[6])
 
 
@@ -104,22 +113,27 @@ def _outermost(floor: Floor) -> tuple[FloatArray, float]:
     """Return the floor's corners (N, 4) with all turns, and how far (degrees) these are from each other."""
     least, greatest = floor.turn_deg
     count = 1 + int(np.ceil((greatest - least) / TURN_DEG))
-    corners = product(
-        np.unique(floor.x_mm), np.unique(floor.y_mm), np.unique(floor.z_mm), np.linspace(least, greatest, count)
-    )
-    return np.array(list(corners)), (greatest - least) / max(count - 1, 1)
+    sides = (np.unique(ends) for ends in (floor.x_mm, floor.y_mm, floor.z_mm))
+    found = np.array(list(product(np.linspace(least, greatest, count), *sides)))  # corners first: most tell there
+    return np.roll(found, -1, axis=1), (greatest - least) / max(count - 1, 1)
 
 
 def _parts(machine: Machine) -> list[_Part]:
-    """Return what stands on the base: all boxes of the trolley, and the bodies of the arm's link 0."""
-    boxes = [
-        _Part(UNPARKED, n, float(np.hypot(*box[:2]) + np.hypot(*box[3:5])))
-        for n, box in enumerate(machine.trolley)
-    ]
-    feet = np.flatnonzero(machine.links == 0).tolist()
-    ends = machine.bodies[:, :6].reshape(-1, 2, 3)
-    aside = np.linalg.norm(ends[:, :, :2], axis=2).max(axis=1) + machine.bodies[:, 6]
-    return [*boxes, *(_Part(COLLISION, n, float(aside[n])) for n in feet)]
+    """Return what is there however the arm is bent: the trolley's boxes, the bodies of link 0, and what link 1 fills.
+
+    That are balls within the ends of its bodies, about axis 1.
+    """
+    parts = [_Part(UNPARKED, n, box) for n, box in enumerate(machine.trolley)]
+    parts += [_Part(COLLISION, n, machine.bodies[n]) for n in np.flatnonzero(machine.links == 0).tolist()]
+    origin, axis = machine.origins[0], machine.axes[0]
+    for n in np.flatnonzero(machine.links == 1).tolist():
+        for end in machine.bodies[n, :6].reshape(2, 3):
+            middle = axis * (axis @ end)
+            radius = machine.bodies[n, 6] - float(np.linalg.norm(end - middle))
+            if radius > 0.0:
+                place = origin[:3, :3] @ middle + origin[:3, 3]
+                parts.append(_Part(COLLISION, n, np.array([*place, *place, radius])))
+    return parts
 
 
 def _things(world: World) -> list[tuple[int, FloatArray]]:

@@ -50,10 +50,12 @@ def no_search(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_what_blocks_from_every_base_is_told_before_any_is_judged() -> None:
     """It took a search, half a minute of a processor, and was told once for each task."""
     slab = Box("slab", (-850.0, -450.0, 400.0), (300.0, 300.0, 800.0))
+    shelf = Box("shelf", (-850.0, -450.0, 1400.0), (900.0, 900.0, 60.0))  # foot: to 1290 mm, shoulder: 1355
     lid = Box("lid", (-850.0, -450.0, 1400.0), (900.0, 900.0, 500.0))
     for floor, thing, expected in (
         (FLOOR, slab, "the trolley would stand nearer than 20 mm to slab for every base on the floor"),
         (BARE, lid, "base would meet lid for every base on the floor; 20 mm are asked for"),
+        (BARE, shelf, "shoulder comes within 15 mm of shelf for every base on the floor; 20 mm are asked for"),
     ):
         given = job(1, 2, 1, floor=floor, boxes=(thing,))
         placement = find_places(given)
