@@ -122,7 +122,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _check_parked(parked: Sequence[float] | None) -> None:
     """Raise `UsageError` for a base that no room could state."""
     from ronnaplan.bounds import FARTHEST_POINT_MM
-    from ronnaplan.documents.room import LARGEST_TURN_DEG
+    from ronnaplan.documents.room_fields import LARGEST_TURN_DEG
     from ronnaplan.errors import UsageError
 
     if parked is None:
