@@ -94,16 +94,7 @@ def _by_tracker(arguments: argparse.Namespace) -> ChainDocument:
     from ronnaplan.errors import InputError
     from ronnaplan.robot.chain import Capture, M
     from ronnaplan.robot.hand_eye import SAME_POSES
-    from ronnaplan.robot.recorded import (
-        MovedError,
-        require_robots,
-        require_trackers,
-        resting_matrix,
-        robot_pose,
-        seen_tool,
-        tool_poses,
-        uncounted,
-    )
+    from ronnaplan.robot.recorded import MovedError, resting_matrix, robot_pose, robots_poses, seen_tool, uncounted
     from ronnaplan.tracking import read_recording
 
     registration, hand_eye = read_registration(arguments.registration), read_hand_eye(arguments.hand_eye)
@@ -111,11 +102,9 @@ def _by_tracker(arguments: argparse.Namespace) -> ChainDocument:
     geometry = read_template_document(arguments.geometry).placed(M, arguments.sigma_geometry)
     tracker = _only(read_recording(arguments.tracker), arguments.frame)
     robot = _only(read_recording(arguments.robot), arguments.frame)
-    require_trackers(tracker)
-    require_robots(robot)
     tool = arguments.tool or (hand_eye.tool if hand_eye.tool in tracker.tool_names else None)
     try:
-        driven = resting_matrix(tool_poses(robot), "the robot")
+        driven = resting_matrix(robots_poses(robot), "the robot")
         seen = seen_tool(tracker, geometry, tool=tool, sigma_mm=arguments.sigma_ots)
     except MovedError as error:
         raise MovedError(f"{error}, or name one frame (--frame)") from error

@@ -27,20 +27,12 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.errors import InputError
     from ronnaplan.robot.hand_eye import calibrate_hand_eye, with_tip
     from ronnaplan.robot.orientation import departure_of_eq_5_deg
-    from ronnaplan.robot.recorded import (
-        require_numbered,
-        require_robots,
-        require_trackers,
-        simultaneous,
-        tool_poses,
-    )
+    from ronnaplan.robot.recorded import require_numbered, robots_poses, simultaneous, trackers_poses
     from ronnaplan.tracking import read_recording
 
     pivot = read_pivot(arguments.pivot) if arguments.pivot else None
     tracker, robot = read_recording(arguments.tracker), read_recording(arguments.robot)
-    require_trackers(tracker)
-    require_robots(robot)
-    seen, driven = tool_poses(tracker, arguments.tool), tool_poses(robot)
+    seen, driven = trackers_poses(tracker, arguments.tool), robots_poses(robot)
     for recording in (tracker, robot):
         require_numbered(recording)
     frames, ots_from_m, robot_from_tcp = simultaneous(seen, driven)

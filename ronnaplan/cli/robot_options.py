@@ -104,13 +104,12 @@ def size_mm(text: str) -> float:
 def read_looks(arguments: argparse.Namespace) -> tuple[dict[int, ImagePair], FloatArray, tuple[str, ...]]:
     """Return the looks, the robot's pose (4, 4) at each, and what is to be told of the recording."""
     from ronnaplan.errors import InputError
-    from ronnaplan.robot.recorded import require_numbered, require_robots, simultaneous, tool_poses
+    from ronnaplan.robot.recorded import require_numbered, robots_poses, simultaneous
     from ronnaplan.robot.stereo.images import read_pairs
     from ronnaplan.tracking import read_recording
 
     looks, robot = read_pairs(arguments.looks), read_recording(arguments.robot)
-    require_robots(robot)
-    driven = tool_poses(robot)
+    driven = robots_poses(robot)
     require_numbered(robot)
     lacking = next((frame for frame in looks if frame not in driven), None)
     if lacking is not None:

@@ -22,13 +22,12 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.revision import write_document
     from ronnaplan.documents.tool import pivot_document, read_pivot
     from ronnaplan.robot.pivot import calibrate_pivot
-    from ronnaplan.robot.recorded import require_trackers, tool_poses, uncounted
+    from ronnaplan.robot.recorded import trackers_poses, uncounted
     from ronnaplan.text import runs
     from ronnaplan.tracking import read_recording
 
     recording = read_recording(arguments.recording)
-    require_trackers(recording)
-    poses = tool_poses(recording, arguments.tool)
+    poses = trackers_poses(recording, arguments.tool)
     found = calibrate_pivot(list(poses.values()))
     notes = (*recording.notes, *uncounted(recording, arguments.tool), *found.doubts)
     warn(*notes)

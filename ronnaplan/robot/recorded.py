@@ -108,6 +108,18 @@ def require_trackers(recording: Recording) -> None:
         )
 
 
+def robots_poses(recording: Recording) -> dict[int, FloatArray]:
+    """Return the robot's poses as `tool_poses` does; raises `InputError` for a tracker's recording, too."""
+    require_robots(recording)
+    return tool_poses(recording)
+
+
+def trackers_poses(recording: Recording, tool: str | None = None) -> dict[int, FloatArray]:
+    """Return the tracker's poses of ``tool`` as `tool_poses` does; raises `InputError` for the robot's, too."""
+    require_trackers(recording)
+    return tool_poses(recording, tool)
+
+
 def _system(tool: str) -> str:
     """Return whose coordinates a tool's poses are in by its name, ``XToY`` as PLUS has it; empty where it says none."""
     system = system_of(tool).lower()
@@ -166,13 +178,15 @@ def seen_tool(
 
     ``geometry`` are the spheres in M. A recording of poses gives their mean; one of single spheres is searched for
     them. ``sigma_mm`` is the tracker's error per axis of one sphere, which averaging does not remove. Raises
-    `FrameMismatchError` where the names of the tools say that their poses are in the coordinates of several systems.
+    `FrameMismatchError` where the names of the tools say that their poses are in the coordinates of several systems,
+    `InputError` where they are the robot's.
     """
     check_type(recording, Recording, "the recording", "read_recording returns one")
     check_type(
         geometry, Points, "the tool's spheres", "make them with Points.exact(positions_mm, labels, Frame('M'))"
     )
     M.require(geometry.frame)
+    require_trackers(recording)
     OTS.require(recording.frame)
     require_sigma(sigma_mm, "the tracker error")
     require_spread(geometry.positions_mm, "spheres of the tool")
