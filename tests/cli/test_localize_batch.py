@@ -87,7 +87,7 @@ def test_the_summary_tells_that_the_geometry_may_be_wrong(
     ct_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wrong = "4 markers are alike ellipsoids"
-    monkeypatch.setattr("ronnaplan.localization.localizer._distortion", lambda *_: wrong)
+    monkeypatch.setattr("ronnaplan.localization.localizer.distortion", lambda *_: wrong)
     status, _, err = run(
         ["localize", str(ct_folder), str(ct_folder), "--diameter", "11.5", "-o", str(tmp_path)], capsys
     )
