@@ -25,6 +25,9 @@ TILT_TOLERANCE_DEG = 0.5
 CUBE_TOLERANCE = 0.01
 """Voxels whose edges differ by this share at most are cubes."""
 
+PANEL_SLICES = (1, 2)
+"""Flat panels' pictures have slices so many pixels apart: their voxels are cubes, of which some export means of two."""
+
 PIXEL_SIZE_RANGE_MM: Final = (1e-2, 100.0)
 """Voxels outside are a damaged header or another unit: no scanner that a head fits into has finer ones. Of those in
 metres only voxels of 10 mm and more would pass, which show no marker."""
@@ -133,6 +136,12 @@ class SliceGrid:
         """Whether slices, rows and columns are equally far apart, to `CUBE_TOLERANCE`."""
         steps_mm = (self.row_spacing_mm, self.column_spacing_mm, self.typical_gap_mm)
         return max(steps_mm) - min(steps_mm) <= CUBE_TOLERANCE * min(steps_mm)
+
+    @property
+    def may_be_a_panels(self) -> bool:
+        """Whether slices are `PANEL_SLICES` pixels apart, to `CUBE_TOLERANCE`."""
+        pixels = self.typical_gap_mm / self.pixel_mm
+        return any(abs(pixels / many - 1.0) <= CUBE_TOLERANCE for many in PANEL_SLICES)
 
     @property
     def affine(self) -> FloatArray:

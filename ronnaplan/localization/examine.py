@@ -15,7 +15,7 @@ from ronnaplan.localization.build import SOLID, Build, is_off_size
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.depth import margin_mm
 from ronnaplan.localization.fit.descent import MAX_WANDER
-from ronnaplan.localization.fit.neighbourhood import gather
+from ronnaplan.localization.fit.neighbourhood import Neighbourhood, gather
 from ronnaplan.localization.fit.parameters import CENTER, RADIUS, profile_fwhm_mm
 from ronnaplan.localization.fit.refine import fit_ball
 from ronnaplan.localization.judge.accept import MIN_COVERAGE, failures
@@ -28,6 +28,7 @@ from ronnaplan.localization.judge.rim import without_the_rim
 from ronnaplan.localization.judge.uncertainty import by_excess, cramer_rao_bound
 from ronnaplan.localization.scanner.hardened import MadeGood, without_the_head
 from ronnaplan.localization.scanner.scan import Scan
+from ronnaplan.localization.scanner.scattered import brought_to_rest
 from ronnaplan.localization.scanner.summed import lost_to_summing_hu
 from ronnaplan.localization.search.detect import detect
 from ronnaplan.localization.search.look import surface_shares
@@ -211,17 +212,25 @@ def _fit(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build, ma
 def _fit_as_summed(
     scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build, made_good: MadeGood
 ) -> tuple[BallFit, MadeGood]:
-    """Fit a ball with what rays lose that were summed first made good; return it, and what is left to make good."""
+    """Fit a ball with what rays lose that were summed first made good; return it, and what is left to make good.
+
+    Where no fit comes to rest, so is what scatter does.
+    """
     reach_mm = 0.625 * diameter_mm + max(build.layer_mm, 0.0) + margin_mm(scan.widest_mm)
     around = gather(scan.volume, center_mm, reach_mm, scan.axes, scan.ceiling_hu)
     thickness_mm = float(scan.thickness_mm(center_mm))
-    fit = fit_ball(around, diameter_mm, build, thickness_mm)
+
+    def fitted(seen: Neighbourhood) -> BallFit:
+        return fit_ball(seen, diameter_mm, build, thickness_mm)
+
+    fit = fitted(around)
+    if made_good is MadeGood.ALL and scan.slant is None:
+        fit = brought_to_rest(scan.volume, around, fit, fitted)
     if not (scan.summed.first and fit.converged and not fit.is_clipped):
         return fit, made_good
     whole = fit.neighbourhood.given_back(lost_to_summing_hu(scan.volume, fit))
-    fit = fit_ball(whole, diameter_mm, build, thickness_mm)
-    # All that rows add up is made good by that.
-    return fit, MadeGood.BUT_ROWS if made_good is MadeGood.ALL else made_good
+    left = MadeGood.BUT_ROWS if made_good is MadeGood.ALL else made_good  # all that rows add up was made good here
+    return fitted(whole), left
 
 
 def examine_place(

@@ -26,7 +26,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.ct.grid import CUBE_TOLERANCE, SliceGrid
+from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import is_off_size
 from ronnaplan.localization.fit.algebra import inverse
@@ -93,9 +93,6 @@ rows, as of helices and photon counting, blur alike, but do not lag. There 2.3 u
 of three simulators, 0 and 3.5 by either of the two that have most of them. The second is a little more, for pictures of
 panels in other voxels: with 2 um, 14 of 20 balls of one scan were within 95 %, with 3 um 19."""
 
-PANEL_SLICES = (1, 2)
-"""Panels' pictures have slices so many pixels apart: their voxels are cubes, of which some export means of two."""
-
 HIDDEN_SHADING = 0.001
 """Standard error, as a share of the radius, where clipping hides how the ball is shaded. The head hardens the beam on
 one side of it, and the larger it is, the more its two sides differ: 4 to 6 um were seen in balls of 8 mm, nothing in
@@ -160,9 +157,7 @@ def near_faces_mm2(fit: BallFit) -> FloatArray:
 
 def lag_mm(grid: SliceGrid) -> float:
     """Standard error (mm) within the slices for a blur that is wholly a panel's, in the voxels of ``grid``."""
-    pixels = grid.typical_gap_mm / grid.pixel_mm
-    is_panels = any(abs(pixels / many - 1.0) <= CUBE_TOLERANCE for many in PANEL_SLICES)
-    return LAG_MM if is_panels else ROWS_MM
+    return LAG_MM if grid.may_be_a_panels else ROWS_MM
 
 
 def lagging_mm2(share: float, error_mm: float, axes: FloatArray) -> FloatArray:

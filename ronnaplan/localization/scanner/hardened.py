@@ -4,7 +4,8 @@ Rays that pass the head are hardened by it, and lose less to the ball then: the 
 share at which nothing is left to harden. So the ball's shadow is fainter in some directions than in others, which makes
 dark sides towards the head and away from it and bright ones across (J. Barrett and N. Keat, RadioGraphics 24:1679,
 2004). To a whole ball that is the same on either side; where a post hides one of them, it displaces the center of a
-dense ball by up to 30 um towards the head. By how much the ball is fainter is told by its own image.
+dense ball by up to 30 um towards the head. By how much the ball is fainter is told by its own image. Scatter behind a
+head, of which flat panels receive much, fades a ball there likewise, and is told with it (`scanner.scattered`).
 
 A detector's cell adds up what it receives before the logarithm is taken: that displaces each shadow towards where all
 else takes more, by its slope over the cell times the variance of what is added up. Within the slices no image tells
@@ -43,6 +44,15 @@ from ronnaplan.localization.scanner.summed import (
 HARDENED_PER_HU = 4e-5
 """Standard deviation of the share by which a ball is fainter in hardened rays, for each HU of its contrast: 0.01 of
 plastic, 0.1 of silicon nitride and alumina and 0.13 of glass were seen, with 1,300, 3,500, 4,100 and 3,100 HU."""
+
+SCATTERED = 0.25
+"""The same of what scatter fades, whatever the ball is made of, where voxels are those of a flat panel, which has no
+septa: as much scatter as primary rays behind a head hides half of a ball's shadow there."""
+
+MOST_OFF = 0.02
+"""So much scatter is believed only where it makes a ball as large as stated, to this share: an oval passes for a
+smaller ball that scatter fades. Eggs longer by up to 0.3 came out 0.03 to 0.06 too small, balls 0.015; those of them
+that metal bends, too, and that lie 0.2 mm off, 0.03 and 0.04."""
 
 APERTURE_MM2 = 0.035
 """Variance, at the center of rotation, of the rays that one cell adds up, within the slices: cells of 0.5 to 0.65 mm
@@ -83,14 +93,31 @@ def without_the_head(volume: CTVolume, fit: BallFit, wanted: MadeGood) -> BallFi
     """
     if wanted is MadeGood.NOTHING or fit.may_be_metal or fit.prior.layer_mm > 0.0:
         return fit
-    seen, before_mm, share = fit.neighbourhood, fit.center_mm, 0.0
     beside = all_beside(volume, fit)
     if beside.losses.max() < LEAST_LOSS:
         return fit
-    rows_hu = lost_to_rows_hu(volume, fit) if wanted is MadeGood.ALL else np.zeros(len(seen.values_hu))
+    rows_hu = (
+        lost_to_rows_hu(volume, fit) if wanted is MadeGood.ALL else np.zeros(len(fit.neighbourhood.values_hu))
+    )
+    hardened = _made_good(fit, beside, rows_hu, 0.0)
+    if not volume.grid.may_be_a_panels:
+        return hardened
+    faded = _made_good(fit, beside, rows_hu, SCATTERED)
+    return faded if is_as_large(faded) and faded.misfit < hardened.misfit else hardened
+
+
+def is_as_large(fit: BallFit) -> bool:
+    """Whether a ball is as large as stated, to `MOST_OFF`."""
+    radius_mm = float(fit.prior.mean[RADIUS])
+    return abs(float(fit.theta[RADIUS]) - radius_mm) <= MOST_OFF * radius_mm
+
+
+def _made_good(fit: BallFit, beside: Beside, rows_hu: FloatArray, scattered: float) -> BallFit:
+    """Return the fit of a ball with what it has lost given back, ``rows_hu`` (N,) of it to rows."""
+    seen, before_mm, share = fit.neighbourhood, fit.center_mm, 0.0
     for _ in range(ROUNDS):
         before = share
-        whole_hu, share = _lost_hu(beside, fit, rows_hu, before)
+        whole_hu, share = _lost_hu(beside, fit, rows_hu, before, scattered)
         again = refit(fit, seen.given_back(whole_hu))
         if not again.converged:
             break
@@ -100,10 +127,13 @@ def without_the_head(volume: CTVolume, fit: BallFit, wanted: MadeGood) -> BallFi
     return fit
 
 
-def _lost_hu(beside: Beside, fit: BallFit, rows_hu: FloatArray, before: float) -> tuple[FloatArray, float]:
+def _lost_hu(
+    beside: Beside, fit: BallFit, rows_hu: FloatArray, before: float, scattered: float
+) -> tuple[FloatArray, float]:
     """Return what the voxels (N,) of a fit have lost, ``rows_hu`` (N,) of it to rows, and the share of `_share`."""
-    hardened_hu, pulled_hu = pictures_hu(beside, fit)
-    share = _share(fit, hardened_hu, before)
+    hardened_hu, pulled_hu = pictures_hu(beside, fit, by_scatter=scattered > 0.0)
+    spread = math.hypot(HARDENED_PER_HU * fit.contrast_hu, scattered)
+    share = _share(fit, hardened_hu, before, spread)
     return rows_hu - share * hardened_hu - APERTURE_MM2 * pulled_hu, share
 
 
@@ -113,7 +143,7 @@ def lost_to_rows_hu(volume: CTVolume, fit: BallFit) -> FloatArray:
     return share * lost_to_summing_hu(volume, fit)
 
 
-def _share(fit: BallFit, hardened_hu: FloatArray, before: float) -> float:
+def _share(fit: BallFit, hardened_hu: FloatArray, before: float, spread: float) -> float:
     """Return by which share the ball is brighter in hardened rays, below zero, where ``before`` is made good.
 
     It is a random effect: it is believed as far as it stands out from the residuals.
@@ -125,15 +155,15 @@ def _share(fit: BallFit, hardened_hu: FloatArray, before: float) -> float:
     covariance = inverse(informed.T @ informed + np.diag([*fit.prior.weight, 0.0]))
     free = float((covariance @ (informed.T @ rest_hu))[-1])
     variance = ALIKE_VOXELS * float(np.mean(rest_hu**2)) * float(covariance[-1, -1])
-    believed = 1.0 / (1.0 + variance / (HARDENED_PER_HU * fit.contrast_hu) ** 2)
+    believed = 1.0 / (1.0 + variance / spread**2)
     return believed * (before + free)
 
 
-def pictures_hu(beside: Beside, fit: BallFit) -> tuple[FloatArray, FloatArray]:
+def pictures_hu(beside: Beside, fit: BallFit, *, by_scatter: bool = False) -> tuple[FloatArray, FloatArray]:
     """Return what the two effects do to the voxels (N,) of a fit.
 
-    The first is that of hardened rays, in HU for a share of 1, the second that of cells that add up rays, in HU for
-    each mm^2 of the variance of these.
+    The first is that of hardened rays, or ``by_scatter``, in HU for a share of 1, the second that of cells that add up
+    rays, in HU for each mm^2 of the variance of these.
     """
     theta, around = fit.theta, fit.neighbourhood
     offsets_mm = around.offsets_mm - theta[CENTER]
@@ -141,7 +171,7 @@ def pictures_hu(beside: Beside, fit: BallFit) -> tuple[FloatArray, FloatArray]:
     farthest_mm = float(np.hypot(offsets_mm[:, U], offsets_mm[:, V]).max()) + step_mm
     across_mm = np.arange(-theta[RADIUS] - step_mm, theta[RADIUS] + 2.0 * step_mm, step_mm)
     places_mm = np.arange(-farthest_mm, farthest_mm + 2.0 * step_mm, step_mm)
-    faded, slopes = _effects(beside, across_mm, step_mm)
+    faded, slopes = _effects(beside, across_mm, step_mm, by_scatter=by_scatter)
 
     first = first_of_each(around.slices)
     heights_mm = offsets_mm[first, W]
@@ -160,10 +190,20 @@ def pictures_hu(beside: Beside, fit: BallFit) -> tuple[FloatArray, FloatArray]:
     return pictures[0], pictures[1]
 
 
-def _effects(beside: Beside, across_mm: FloatArray, step_mm: float) -> tuple[FloatArray, FloatArray]:
-    """How far rays (K, `VIEWS`, S) are hardened, as a share of the most, and the slopes of what they lose, 1/mm."""
+def _effects(
+    beside: Beside, across_mm: FloatArray, step_mm: float, *, by_scatter: bool
+) -> tuple[FloatArray, FloatArray]:
+    """How far rays (K, `VIEWS`, S) are faded, as a share of the most, and the slopes of what they lose, 1/mm.
+
+    Scatter is spread evenly, so primary rays fade beside it the more the less of them is left, without an end.
+    """
     lost = _between(beside.losses, beside.places_mm, across_mm, axis=2)
-    return 1.0 - np.exp(-lost), _slopes(lost, step_mm)
+    if by_scatter:  # as much as primary rays where most is lost
+        most = float(beside.losses.max())
+        faded = 2.0 / (1.0 + np.exp(most - lost)) - 2.0 / (1.0 + np.exp(most))
+    else:
+        faded = 1.0 - np.exp(-lost)
+    return faded, _slopes(lost, step_mm)
 
 
 def _between(values: FloatArray, known: FloatArray, wanted: FloatArray, axis: int) -> FloatArray:

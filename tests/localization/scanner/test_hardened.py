@@ -71,6 +71,7 @@ def scanned(
     row_mm: float = 0.0,
     taper: float = 0.0,
     cavity_mm: float = 0.0,
+    scatter: float = 0.0,
     ray_mm: float = RAY_MM,
     views: int = VIEWS,
     heights_mm: FloatArray = HEIGHTS_MM,
@@ -78,7 +79,8 @@ def scanned(
     """Scan a ball on its post beside a head by parallel rays in cells so wide; water is corrected for.
 
     ``ball`` (E,) and ``water`` (E,) say what they take of a mm at each energy, ``row_mm`` how high a row of cells is,
-    ``taper`` by how much the head becomes narrower for each mm of height, ``cavity_mm`` the radius of what is hollow.
+    ``taper`` by how much the head becomes narrower for each mm of height, ``cavity_mm`` the radius of what is hollow,
+    ``scatter`` what cells receive beside primary rays, as a share of what arrives without a head.
 
     Only near the ball the image is reconstructed, elsewhere it is as it should be.
     """
@@ -104,7 +106,7 @@ def scanned(
             turned = np.array([np.cos(angle), np.sin(angle)])
             beside_mm = across_mm - CENTER_MM[:2] @ turned
             meets = slice(*np.searchsorted(beside_mm, [-RADIUS_MM, RADIUS_MM]))
-            arrives = np.zeros(len(across_mm))
+            arrives = np.full(len(across_mm), scatter)
             for within_mm, weight, left in zip(rows_mm, weights / 2.0, by_head, strict=True):
                 half_mm = np.sqrt(max(post_mm**2 - within_mm**2, 0.0))
                 passes = left.copy()
@@ -114,6 +116,7 @@ def scanned(
                 if half_mm > 0.0:
                     passes *= np.exp(-np.outer(in_post(angle, across_mm, half_mm), water))
                 arrives += weight * passes.mean(axis=1)
+            arrives /= 1.0 + scatter  # air is air
             lost_mm = np.interp(
                 -np.log(uniform_filter1d(arrives, 2 * int(cell_mm / ray_mm / 2.0) + 1)), of_water, depths_mm
             )
