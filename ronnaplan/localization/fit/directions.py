@@ -22,6 +22,7 @@ from ronnaplan.localization.fit.depth import SURFACE_BLURS, depth_and_blur, reac
 from ronnaplan.localization.fit.model import BLOCK, evaluate, has_skin, is_beyond_scale, shown_hu
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import (
+    BACKGROUND,
     CONTRAST,
     PARAMETERS,
     RADIUS,
@@ -140,10 +141,10 @@ def judge_directions(around: Neighbourhood, theta: FloatArray, layer_mm: float) 
 Told = tuple[NDArray[np.int8], FloatArray, FloatArray, float, float, float, NDArray[np.bool_], FloatArray, bool]
 """The first members of `Verdict`, in their order."""
 
-SEEN, SQUARES, SHIFTS, STEEPNESS, OUTSIDE, UNEXPLAINED, INSIDE, WITHIN = range(8)
+SEEN, SQUARES, SHIFTS, STEEPNESS, OUTSIDE, UNEXPLAINED, CUT_OFF, INSIDE, WITHIN = range(9)
 """What is summed in each direction. On the surface: how many voxels there are, their squared residuals, and their
-residuals times and their squares of the slope by the radius; just outside and deep inside: how many there are, and what
-the model does not explain beside the ball, or at all."""
+residuals times and their squares of the slope by the radius; just outside and deep inside: how many, and what the model
+does not explain beside the ball, or at all; outside also how many the scale cut off, bright by what was given back."""
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -158,8 +159,8 @@ def _survey(
     directions: FloatArray,
 ) -> tuple[Told, NDArray[np.bool_]]:
     """What the voxels within reach tell of each direction, and which voxels (N,) those that agree are."""
-    sums, end = np.zeros((8, CELL_COUNT)), len(theta) - (len(SKIN_PARAMETERS) - 1 if has_skin(theta) else 0)
-    cells, zones, near = _within_reach(offsets_mm, values_hu, theta, end, sums)
+    sums, end = np.zeros((9, CELL_COUNT)), len(theta) - (len(SKIN_PARAMETERS) - 1 if has_skin(theta) else 0)
+    cells, zones, near = _within_reach(offsets_mm, values_hu, floors_hu, theta, end, sums)
     for first in range(0, len(near), BLOCK):
         some = near[first : first + BLOCK]
         model, jacobian = evaluate(offsets_mm[some], theta, layer_mm, *looked_up)
@@ -187,17 +188,17 @@ def _survey(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _within_reach(
-    offsets_mm: FloatArray, values_hu: FloatArray, theta: FloatArray, end: int, sums: FloatArray
+    offsets: FloatArray, values: FloatArray, floors: FloatArray, theta: FloatArray, end: int, sums: FloatArray
 ) -> tuple[NDArray[np.intp], NDArray[np.int8], NDArray[np.intp]]:
     """Cell (N,) of each voxel, -1 of those beyond reach, its zone (N,), and which (M,) the model is to be asked about.
 
-    ``sums`` (8, cells) are begun with what lies outside, which parameters from `PARAMETERS` to ``end`` explain.
+    ``sums`` (9, cells) are begun with what lies outside, which parameters from `PARAMETERS` to ``end`` explain.
     """
-    cells, zones = np.full(len(offsets_mm), -1, dtype=np.intp), np.empty(len(offsets_mm), dtype=np.int8)
-    near, count = np.empty(len(offsets_mm), dtype=np.intp), 0
+    cells, zones = np.full(len(offsets), -1, dtype=np.intp), np.empty(len(offsets), dtype=np.int8)
+    near, count = np.empty(len(offsets), dtype=np.intp), 0
     least, most = squares_within_reach(theta)
-    for n in range(len(offsets_mm)):
-        u, v, w = offsets_mm[n, U] - theta[U], offsets_mm[n, V] - theta[V], offsets_mm[n, W] - theta[W]
+    for n in range(len(offsets)):
+        u, v, w = offsets[n, U] - theta[U], offsets[n, V] - theta[V], offsets[n, W] - theta[W]
         if not least < u * u + v * v + w * w < most:
             continue
         depth, blur = depth_and_blur(u, v, w, theta)
@@ -208,7 +209,8 @@ def _within_reach(
         zones[n] = OUTSIDE if depth > SURFACE_BLURS * blur else SEEN if depth > -SURFACE_BLURS * blur else INSIDE
         if zones[n] == OUTSIDE:
             sums[OUTSIDE, cell] += 1.0
-            sums[UNEXPLAINED, cell] += values_hu[n]
+            sums[UNEXPLAINED, cell] += values[n]
+            sums[CUT_OFF, cell] += values[n] <= floors[n] and values[n] > theta[BACKGROUND]
             if end == len(PARAMETERS):  # the model explains nothing outside
                 continue
         near[count] = n
@@ -225,7 +227,7 @@ def unlike_inside(inside_hu: FloatArray, contrast_hu: float) -> NDArray[np.bool_
 
 @njit(cache=True)
 def _weighed(sums: FloatArray, contrast: float, seen_hu: float, radius: float, directions: FloatArray) -> Told:
-    """Return what the ``sums`` (8, cells) tell, where so much of the ``contrast`` is ``seen_hu``."""
+    """Return what the ``sums`` (9, cells) tell, where so much of the ``contrast`` is ``seen_hu``."""
     means = np.full((3, CELL_COUNT), np.nan)
     rms, outside, within = means[0], means[1], means[2]
     for cell in range(CELL_COUNT):
@@ -254,6 +256,7 @@ def _weighed(sums: FloatArray, contrast: float, seen_hu: float, radius: float, d
         if sums[SEEN, cell] > 0.0:
             state[cell] = 0 if left_out[cell] else 1
     steepness = np.maximum(sums[STEEPNESS], 1e-12)
+    is_hidden = sums[CUT_OFF] > 0.5 * sums[OUTSIDE]  # how bright it is there
     return (
         state,
         np.abs(sums[SHIFTS]) / steepness,
@@ -263,7 +266,7 @@ def _weighed(sums: FloatArray, contrast: float, seen_hu: float, radius: float, d
         usual,
         beside,
         excess,
-        _is_covered(excess, COVER_SHARE * contrast, directions),
+        _is_covered(np.where(is_hidden, 0.0, excess), COVER_SHARE * contrast, directions),
     )
 
 

@@ -13,6 +13,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.build import SOLID
 from ronnaplan.localization.examine import fit_place
 from ronnaplan.localization.fit.ball_fit import BallFit
+from ronnaplan.localization.fit.parameters import BACKGROUND
 from ronnaplan.localization.scanner.hardened import MadeGood
 from ronnaplan.localization.scanner.scan import Scan
 from tests.localization.scanner.test_hardened import (
@@ -55,6 +56,15 @@ def test_what_scatter_fades_of_plastic_is_made_good() -> None:
     assert abs(pulled_mm(before)) > 0.04
     assert abs(pulled_mm(after)) < 0.1 * abs(pulled_mm(before))
     assert after.misfit < 0.4 * before.misfit
+
+
+def test_bare_balls_are_not_covered_where_the_scale_has_hidden_how_dark_it_is_beside_them() -> None:
+    fit = fitted(beside_a_head(SOME))
+    seen = fit.neighbourhood
+    assert (
+        (seen.values_hu <= seen.floors_hu) & (seen.values_hu > fit.theta[BACKGROUND] + 0.06 * fit.contrast_hu)
+    ).any()
+    assert not fit.verdict.is_covered
 
 
 def test_it_is_believed_in_noise() -> None:
