@@ -256,7 +256,8 @@ def _weighed(sums: FloatArray, contrast: float, seen_hu: float, radius: float, d
         if sums[SEEN, cell] > 0.0:
             state[cell] = 0 if left_out[cell] else 1
     steepness = np.maximum(sums[STEEPNESS], 1e-12)
-    is_hidden = sums[CUT_OFF] > 0.5 * sums[OUTSIDE]  # how bright it is there
+    shown = excess.copy()
+    shown[sums[CUT_OFF] > 0.5 * sums[OUTSIDE]] = 0.0  # how bright it is there, is hidden
     return (
         state,
         np.abs(sums[SHIFTS]) / steepness,
@@ -266,7 +267,7 @@ def _weighed(sums: FloatArray, contrast: float, seen_hu: float, radius: float, d
         usual,
         beside,
         excess,
-        _is_covered(np.where(is_hidden, 0.0, excess), COVER_SHARE * contrast, directions),
+        _is_covered(shown, COVER_SHARE * contrast, directions),
     )
 
 
