@@ -14,7 +14,7 @@ from ronnaplan.localization.build import SOLID
 from ronnaplan.localization.examine import fit_place
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.parameters import BACKGROUND
-from ronnaplan.localization.scanner.hardened import MadeGood
+from ronnaplan.localization.scanner.hardened import MOST_OFF, MadeGood
 from ronnaplan.localization.scanner.scan import Scan
 from tests.localization.scanner.test_hardened import (
     CENTER_MM,
@@ -47,8 +47,8 @@ def beside_a_head(scatter: float, *, is_a_panels: bool = True) -> CTVolume:
     return volume
 
 
-def at_the_ball(volume: CTVolume, made_good: MadeGood) -> BallFit:
-    return fit_place(Scan(volume), CENTER_MM + np.array([0.1, -0.1, 0.05]), 2.0 * RADIUS_MM, SOLID, made_good)
+def at_the_ball(volume: CTVolume, made_good: MadeGood, stated_mm: float = 2.0 * RADIUS_MM) -> BallFit:
+    return fit_place(Scan(volume), CENTER_MM + np.array([0.1, -0.1, 0.05]), stated_mm, SOLID, made_good)
 
 
 def test_what_scatter_fades_of_plastic_is_made_good() -> None:
@@ -82,6 +82,11 @@ def test_a_ball_that_scatter_bends_comes_to_rest() -> None:
     assert fit.converged
     assert fit.verdict.round_share > 0.8
     assert fit.center_mm == pytest.approx(CENTER_MM, abs=0.04)
+
+
+def test_it_is_not_believed_of_what_comes_out_of_another_size() -> None:
+    larger_mm = (1.0 + 3.0 * MOST_OFF) * 2.0 * RADIUS_MM
+    assert not at_the_ball(beside_a_head(MUCH), MadeGood.ALL, larger_mm).converged
 
 
 def test_rows_with_septa_are_not_believed_to_receive_so_much_scatter() -> None:
