@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from numbers import Real
 
-from ronnaplan.errors import InputError, check_type
+from ronnaplan.errors import InputError, UsageError, check_type
 from ronnaplan.planning.contacts import nearest_contacts
 from ronnaplan.planning.layers import Way
 from ronnaplan.planning.lengths import TOLERANCE_MM
@@ -21,7 +23,8 @@ class Limits:
     """What a trajectory must keep; None: not limited. Distances count from the instrument's surface.
 
     Of a distance that is known so far and no further, the least it may be is held against the limit. Errors are RMS
-    over all axes; ``least_probability`` is of the chance that the path stays within ``tolerance_mm``.
+    over all axes; ``least_probability`` is of the chance that the path stays within ``tolerance_mm``. Raises
+    `UsageError` for what is no finite number of zero or more.
     """
 
     longest_path_mm: float | None = None
@@ -35,6 +38,15 @@ class Limits:
     greatest_angular_error_deg: float | None = None
     least_probability: float | None = None
     tolerance_mm: float = TOLERANCE_MM
+
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if value is None and one.default is None:
+                continue
+            if isinstance(value, bool) or not isinstance(value, Real) or not 0.0 <= float(value) < math.inf:
+                unlimited = ", or None for no limit" if one.default is None else ""
+                raise UsageError(f"{one.name} is {value!r}; expected a finite number of 0 or more{unlimited}")
 
     def least_distance_mm(self, kind: Kind) -> float:
         """Return the distance to keep from an obstacle; it must never be met, limit or not."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, UsageError
 from ronnaplan.geometry import Frame
 from ronnaplan.planning import Instrument, Limits, Measures, Trajectory, judge, measure
 from ronnaplan.planning.apart import Spacing
@@ -45,6 +46,14 @@ def test_a_good_path_keeps_all(measured: Measures) -> None:
 )
 def test_each_limit_can_be_broken(measured: Measures, limits: Limits, what: str) -> None:
     assert broken(measured, limits) == [what]
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -1.0, "80", True])
+def test_a_limit_that_is_no_number_is_refused_for_against_some_all_paths_would_pass(value: Any) -> None:
+    with pytest.raises(UsageError, match=r"longest_path_mm is .*; expected a finite number of 0 or more, or None"):
+        Limits(longest_path_mm=value)
+    with pytest.raises(UsageError, match=r"tolerance_mm is None; .* 0 or more$"):
+        Limits(tolerance_mm=cast("float", None))
 
 
 def test_an_instrument_that_is_too_short(measured: Measures) -> None:
