@@ -22,24 +22,22 @@ def sigma_mm(text: str) -> float:
 
 def seconds(text: str) -> float:
     """Return a duration of a recording."""
-    from ronnaplan.tracking.openigtlink import LONGEST_S
-
-    value = plain_number(text)
-    if value is None or not 0 < value <= LONGEST_S:
-        raise argparse.ArgumentTypeError(
-            f"{_short(text)} is no duration; expected a number of seconds above zero, up to {LONGEST_S:g}"
-        )
-    return value
+    return _duration(text, may_be_zero=False)
 
 
 def wait(text: str) -> float:
     """Return how long something is waited for, which may be not at all."""
+    return _duration(text, may_be_zero=True)
+
+
+def _duration(text: str, *, may_be_zero: bool) -> float:
     from ronnaplan.tracking.openigtlink import LONGEST_S
 
     value = plain_number(text)
-    if value is None or not 0 <= value <= LONGEST_S:
+    if value is None or not 0 <= value <= LONGEST_S or (value == 0 and not may_be_zero):
+        least = ", 0 for not at all" if may_be_zero else " above zero"
         raise argparse.ArgumentTypeError(
-            f"{_short(text)} is no duration; expected a number of seconds, 0 for not at all, up to {LONGEST_S:g}"
+            f"{_short(text)} is no duration; expected a number of seconds{least}, up to {LONGEST_S:g}"
         )
     return value
 

@@ -196,8 +196,9 @@ def fit_place(
 
 
 def _fit(scan: Scan, center_mm: FloatArray, diameter_mm: float, build: Build, made_good: MadeGood) -> BallFit:
-    # Rays do not run in slices that were computed aslant.
-    if scan.slant is not None or made_good is MadeGood.NOTHING:
+    if scan.slant is not None:  # rays do not run in slices that were computed aslant
+        made_good = MadeGood.NOTHING
+    if made_good is MadeGood.NOTHING:
         return _fit_as_summed(scan, center_mm, diameter_mm, build, made_good)[0]
     # Each is handed over without a name here, so that none is held until the next is made.
     return without_the_rim(
@@ -224,7 +225,7 @@ def _fit_as_summed(
         return fit_ball(seen, diameter_mm, build, thickness_mm)
 
     fit = fitted(around)
-    if made_good is MadeGood.ALL and scan.slant is None:
+    if made_good is MadeGood.ALL:
         fit = brought_to_rest(scan.volume, around, fit, fitted)
     if not (scan.summed.first and fit.converged and not fit.is_clipped):
         return fit, made_good

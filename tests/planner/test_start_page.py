@@ -191,14 +191,20 @@ def test_where_no_series_is_the_page_is_told_so_of_what_it_calls_that_place(scan
     run(asked())
 
 
+async def dropped_scan(client: TestClient[Any, Any]) -> str:
+    """Drop a CT on the start page, and return the drop's key."""
+    drop: str = (await (await client.post("/drop")).json())["drop"]
+    for file in cases.CT.glob("*.dcm"):
+        await client.put(f"/dropped?drop={drop}&name={file.name}", data=file.read_bytes())
+    return drop
+
+
 def test_what_one_tab_dropped_is_not_taken_away_while_it_is_looked_through(scans: Path) -> None:
     page = StartPage(scans.parent / "home", scans, lambda *_: None)  # type: ignore[arg-type]
 
     async def asked() -> None:
         async with TestClient(TestServer(served(page))) as client:
-            drop = (await (await client.post("/drop")).json())["drop"]
-            for file in cases.CT.glob("*.dcm"):
-                await client.put(f"/dropped?drop={drop}&name={file.name}", data=file.read_bytes())
+            drop = await dropped_scan(client)
             looking = asyncio.create_task(client.get(f"/series?drop={drop}"))
             while not page._busy:
                 await asyncio.sleep(0)
@@ -215,9 +221,7 @@ def test_no_case_gets_a_name_that_windows_changes_or_no_system_takes(scans: Path
 
     async def asked() -> None:
         async with TestClient(TestServer(served(page))) as client:
-            drop = (await (await client.post("/drop")).json())["drop"]
-            for file in cases.CT.glob("*.dcm"):
-                await client.put(f"/dropped?drop={drop}&name={file.name}", data=file.read_bytes())
+            drop = await dropped_scan(client)
             (series,) = (await (await client.get(f"/series?drop={drop}")).json())["series"]
             answer = await client.post("/open", params={"drop": drop, "key": series["key"], "name": name})
             assert (await answer.json())["error"].startswith("name the case with letters")

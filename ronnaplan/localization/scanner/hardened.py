@@ -150,13 +150,23 @@ def _share(fit: BallFit, hardened_hu: FloatArray, before: float, spread: float) 
     """
     used = np.flatnonzero(fit.used)
     jacobian, rest_hu = fit.jacobian.take(used, axis=0), fit.unshaded_hu.take(used)
-    is_measured = jacobian[:, BACKGROUND] != 0.0  # where the scale has ended nothing is
-    informed = np.column_stack([jacobian, hardened_hu.take(used) * is_measured])
-    covariance = inverse(informed.T @ informed + np.diag([*fit.prior.weight, 0.0]))
-    free = float((covariance @ (informed.T @ rest_hu))[-1])
-    variance = ALIKE_VOXELS * float(np.mean(rest_hu**2)) * float(covariance[-1, -1])
+    free, variance = free_share(fit, jacobian, rest_hu, hardened_hu.take(used))
+    variance *= ALIKE_VOXELS * float(np.mean(rest_hu**2))
     believed = 1.0 / (1.0 + variance / spread**2)
     return believed * (before + free)
+
+
+def free_share(
+    fit: BallFit, jacobian: FloatArray, rest_hu: FloatArray, faded_hu: FloatArray
+) -> tuple[float, float]:
+    """Return how much of ``faded_hu`` (V,) is in what a fit leaves of some voxels, and its variance for noise of 1 HU.
+
+    All that is fitted, (V, P) of ``jacobian``, is free to change with it, but for the prior.
+    """
+    is_measured = jacobian[:, BACKGROUND] != 0.0  # where the scale has ended nothing is
+    informed = np.column_stack([jacobian, faded_hu * is_measured])
+    covariance = inverse(informed.T @ informed + np.diag([*fit.prior.weight, 0.0]))
+    return float((covariance @ (informed.T @ rest_hu))[-1]), float(covariance[-1, -1])
 
 
 def pictures_hu(beside: Beside, fit: BallFit, *, by_scatter: bool = False) -> tuple[FloatArray, FloatArray]:

@@ -16,18 +16,18 @@ import numpy as np
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.fit.algebra import inverse
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.cells import direction_cells
 from ronnaplan.localization.fit.depth import edge_depth, within_reach
 from ronnaplan.localization.fit.descent import residuals_and_jacobian
 from ronnaplan.localization.fit.directions import ATTACHED_SHARE
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
-from ronnaplan.localization.fit.parameters import BACKGROUND, CENTER
+from ronnaplan.localization.fit.parameters import CENTER
 from ronnaplan.localization.scanner.beside import all_beside
 from ronnaplan.localization.scanner.hardened import (
     LEAST_LOSS,
     MadeGood,
+    free_share,
     is_as_large,
     pictures_hu,
     without_the_head,
@@ -81,7 +81,4 @@ def _further_share(fit: BallFit, faded_hu: FloatArray) -> float:
     attached = fit.verdict.excess_hu > ATTACHED_SHARE * fit.contrast_hu
     used = np.flatnonzero(within_reach(*edge_depth(around.offsets_mm, theta)) & ~attached[cells])
     rest_hu, jacobian = residuals_and_jacobian(around.take(used), theta, fit.prior.layer_mm)
-    is_measured = jacobian[:, BACKGROUND] != 0.0  # where the scale has ended nothing is
-    informed = np.column_stack([jacobian, faded_hu.take(used) * is_measured])
-    weights = np.diag([*fit.prior.weight, 0.0])
-    return float((inverse(informed.T @ informed + weights) @ (informed.T @ rest_hu))[-1])
+    return free_share(fit, jacobian, rest_hu, faded_hu.take(used))[0]

@@ -143,8 +143,8 @@ def by_one_energy() -> CTVolume:
     return scanned(3.0 * ONE_ENERGY, ONE_ENERGY, float(np.sqrt(12.0 * APERTURE_MM2)), post_mm=0.0)
 
 
-def fitted(volume: CTVolume, head: MadeGood = MadeGood.ALL, build: Build = SOLID) -> BallFit:
-    fit = fit_place(Scan(volume), CENTER_MM + np.array([0.1, -0.1, 0.05]), 2.0 * RADIUS_MM, build, head)
+def fitted(volume: CTVolume, made_good: MadeGood = MadeGood.ALL, build: Build = SOLID) -> BallFit:
+    fit = fit_place(Scan(volume), CENTER_MM + np.array([0.1, -0.1, 0.05]), 2.0 * RADIUS_MM, build, made_good)
     assert fit.converged
     return fit
 
