@@ -57,7 +57,7 @@ def check_type(value: object, kind: type | tuple[type, ...], what: str, remedy: 
     kinds = kind if isinstance(kind, tuple) else (kind,)
     if not isinstance(value, kinds):
         expected = " or ".join(one.__name__ for one in kinds if one is not type(None))
-        raise UsageError(f"{what} is of type {type(value).__name__}, expected {expected}; {remedy}")
+        raise UsageError(f"{type(value).__name__} is given for {what}, expected {expected}; {remedy}")
 
 
 def wants_room(error: OSError) -> bool:

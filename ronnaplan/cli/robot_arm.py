@@ -57,14 +57,13 @@ def example(arguments: argparse.Namespace) -> str:
     """Return a room to begin with, for the arm that is named; raises `InputError` for one that is not served."""
     from ronnaplan.documents.room_example import EXAMPLE, example_of
     from ronnaplan.robot.arm.kuka import kr6_r900
-    from ronnaplan.robot.arm.urdf import read_urdf
     from ronnaplan.robot.arm.wrist import wrist_of
 
     if arguments.arm == BUILT_IN:
         _require_no_link(arguments)
         wrist_of(_held(kr6_r900(), arguments.hold))
         return EXAMPLE
-    read = read_urdf(arguments.arm, tip=arguments.tip, base=arguments.base)
+    read = _read(arguments)
     turning = _held(read.arm, arguments.hold)
     wrist_of(turning)  # nobody shall measure a room for an arm that is refused
     return example_of(read.arm, turning, are_meshes=bool(read.shapeless))
@@ -81,15 +80,24 @@ def _require_no_link(arguments: argparse.Namespace) -> None:
             )
 
 
+def _read(arguments: argparse.Namespace) -> UrdfArm:
+    """Read the arm of a file; raises `InputError`, which names the built-in one, too, where there is no such file."""
+    from ronnaplan.robot.arm.urdf import read_urdf
+    from ronnaplan.untrusted import require_file
+
+    require_file(arguments.arm, expected=f"a URDF file, or {BUILT_IN}, which needs none")
+    return read_urdf(arguments.arm, tip=arguments.tip, base=arguments.base)
+
+
 def _described(arguments: argparse.Namespace, room: Room) -> tuple[SerialArm, list[str]]:
     """Return the built-in arm, or that of a file, and what of its shapes is not known."""
     from ronnaplan.robot.arm.kuka import kr6_r900
-    from ronnaplan.robot.arm.urdf import BASE, read_urdf
+    from ronnaplan.robot.arm.urdf import BASE
 
     if arguments.arm == BUILT_IN:
         _require_no_link(arguments)
         return kr6_r900(), []
-    read = read_urdf(arguments.arm, tip=arguments.tip, base=arguments.base)
+    read = _read(arguments)
     notes = _flange_notes(read, room, arguments.tip is not None)
     if arguments.base is None and read.base_apart:
         notes.append(

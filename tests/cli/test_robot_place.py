@@ -336,7 +336,10 @@ def test_what_is_missing_is_named(case: list[str], capsys: pytest.CaptureFixture
     assert main(case[:-2]) == 2
     assert "robot place needs --scene" in capsys.readouterr().err
     assert main([*case, "--arm", "nowhere.urdf"]) == 1
-    assert "nowhere.urdf cannot be read" in capsys.readouterr().err
+    assert (
+        "nowhere.urdf cannot be read: there is no such file; expected a URDF file, or kr6r900"
+        in capsys.readouterr().err
+    )
     for asked in (case, ["robot", "place", "--example"]):
         assert main([*asked, "--tip", "tool0"]) == 2
         assert "--tip is a link of a URDF file" in capsys.readouterr().err

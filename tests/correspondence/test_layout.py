@@ -86,8 +86,8 @@ def test_a_collinear_layout_is_always_refused() -> None:
         ({"sigma_ct_mm": float("nan")}, "CT error is nan mm"),
         ({"sigma_ct_mm": -1.0, "sigma_ots_mm": -1.0}, "CT error is -1.0 mm"),  # was refused never
         ({"sigma_ots_mm": float("inf")}, "tracker error is inf mm"),
-        ({"sigma_ots_mm": "large"}, "tracker error is of type str"),
-        ({"sigma_ots_mm": np.ones(4)}, "tracker error is of type ndarray"),
+        ({"sigma_ots_mm": "large"}, "str is given for the tracker error"),
+        ({"sigma_ots_mm": np.ones(4)}, "ndarray is given for the tracker error"),
         ({"least_probability": 2.0}, "least_probability is 2.0"),
         ({"least_probability": 0.3}, "least_probability is 0.3"),
     ],

@@ -109,5 +109,5 @@ def test_without_a_number_it_is_not_run() -> None:
 
 def test_a_tolerance_that_is_no_number_is_told() -> None:
     wrong: Any = "1"
-    with pytest.raises(UsageError, match="e_start_mm is of type str"):
+    with pytest.raises(UsageError, match="str is given for e_start_mm"):
         match_by_similarity(HEAD, HEAD, len(HEAD), wrong)

@@ -102,7 +102,7 @@ def test_a_template_file_is_checked(tmp_path: Path) -> None:
     ("changes", "says"),
     [
         ({"labels": ("A", "B", "C")}, r"have shape \(4, 4\); expected \(3, 3\) in mm"),
-        ({"labels": "ABCD"}, "the labels of a template is of type str"),
+        ({"labels": "ABCD"}, "str is given for the labels of a template"),
         ({"distances_mm": np.triu(DISTANCES)}, "not finite and symmetric"),
         ({"distances_mm": DISTANCES + 1.0}, "with a zero diagonal"),
         ({"distances_mm": np.where(DISTANCES > 0, np.nan, 0.0)}, "not finite and symmetric"),

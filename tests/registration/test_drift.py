@@ -150,5 +150,5 @@ def test_false_alarms_are_one_in_a_million(cases: int) -> None:
 
 
 def test_what_is_no_reading_is_told_in_one_sentence() -> None:
-    with pytest.raises(UsageError, match="the later reading is of type list, expected Points"):
+    with pytest.raises(UsageError, match="list is given for the later reading, expected Points"):
         check_drift(Points(np.eye(3), np.tile(np.eye(3), (3, 1, 1)), ("a", "b", "c")), [])  # type: ignore[arg-type]
