@@ -1,11 +1,12 @@
-"""A page of HTML from texts, tables and pictures. Every text is escaped; nothing is fetched from anywhere."""
+"""A page of HTML in titled parts, from texts, tables and pictures. Every text is escaped, and nothing is fetched."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 from html import escape
 from urllib.parse import quote
 
@@ -117,6 +118,24 @@ def picture(image: bytes, caption: str, kind: str = "png") -> str:
     data = base64.b64encode(image).decode()
     shown = f'<img src="data:image/{kind};base64,{data}" alt="{escape(caption, quote=True)}">'
     return f"<figure>{shown}{element('figcaption', caption)}</figure>"
+
+
+Piece = str | Callable[[], str]
+"""A piece of HTML, or what draws it when the page is written: then the scan may be gone."""
+
+
+def html_of(pieces: Iterable[Piece]) -> list[str]:
+    """Return the HTML of pieces, drawn now."""
+    return [piece if isinstance(piece, str) else piece() for piece in pieces]
+
+
+@dataclass(frozen=True)
+class Part:
+    """A titled part: ``body`` holds pieces and may be empty; ``warnings`` are texts that go to the top of the page."""
+
+    title: str
+    body: Sequence[Piece] = ()
+    warnings: list[str] = field(default_factory=list)
 
 
 def _css(cell: str) -> str:

@@ -12,8 +12,7 @@ from ronnaplan.case.folder import Case
 from ronnaplan.case.judgement import Judgement
 from ronnaplan.planning import Measures, Trajectory
 from ronnaplan.planning.rows import errors_by_basis, frame_sentence, number
-from ronnaplan.report.html import element, picture, table
-from ronnaplan.report.part import Part
+from ronnaplan.report.html import Part, element, picture, table
 from ronnaplan.scene.camera import Camera
 from ronnaplan.scene.files import view, viewer
 from ronnaplan.scene.names import Names, Room

@@ -1,26 +1,30 @@
-"""The report's trajectories: cuts, measures, distances, and what is wrong with a path."""
+"""The report's trajectories: cuts, measures, distances, and what is wrong with a path.
+
+Of many other trajectories beside one the nearest are listed, and what is wrong with two is told once.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 from ronnaplan.case.folder import Case
 from ronnaplan.ct import CTVolume
 from ronnaplan.documents.plan_measures import measures_document
 from ronnaplan.planning import Measures, Trajectory, Verdict
 from ronnaplan.planning.contacts import ContactMeasures
+from ronnaplan.planning.limits import is_near
 from ronnaplan.planning.rows import (
     Rows,
     coordinates,
+    distance_rows,
     error_values,
     errors_by_basis,
     shape_rows,
     value_and_limit,
     verdict_sentence,
 )
-from ronnaplan.report.html import element, picture, table, unseen
-from ronnaplan.report.others import faults, nearest_rows, with_far_ones_gathered
-from ronnaplan.report.part import Part
+from ronnaplan.report.html import Part, element, picture, table, unseen
 from ronnaplan.report.path_cuts import path_picture
 from ronnaplan.text import abridged, isolated, told_apart
 
@@ -46,6 +50,9 @@ ERRORS = ("expected error", "as planned", "as registered")
 CONTACTS = ("no.", "contact, LPS mm", "depth, mm", "inside", "nearest, mm")
 VERDICTS = ("held against limits", "value", "limit", "verdict", "")
 
+NEAREST = 20
+"""So many others are listed whatever their distance; who breaks a limit, or nearly so, always is."""
+
 
 def paths_part(case: Case) -> Part:
     """Judge and draw every trajectory of the plan in the scan, and hold what `plan check` writes of them."""
@@ -67,7 +74,7 @@ def paths_part(case: Case) -> Part:
             look = "path measured"
             body += _measured(case.volume, judged.measures, judged.verdicts)
             part.warnings.extend(f"trajectory {trajectory.name}: {doubt}" for doubt in judged.doubts)
-            part.warnings.extend(map(_fault, faults(judged.measures, judged.broken, told)))
+            part.warnings.extend(map(_fault, _faults(judged.measures, judged.broken, told)))
         pieces.append(f'<div class="{look}">{"".join(body)}</div>')
     measured = [judged.measures for judged in case.judgements if judged.measures is not None]
     verdicts = [verdict for judged in case.judgements for verdict in judged.verdicts]
@@ -85,8 +92,8 @@ def _measured(volume: CTVolume, one: Measures, verdicts: Sequence[Verdict]) -> l
     drawn = picture(
         path_picture(volume, one), f"{abridged(name)}: two cuts along the path, at right angles; HU along it"
     )
-    judged = sorted(with_far_ones_gathered(one, verdicts), key=lambda verdict: verdict.passes)
-    distances = [] if verdicts else nearest_rows(one)  # every verdict tells its distance
+    judged = sorted(_with_far_ones_gathered(one, verdicts), key=lambda verdict: verdict.passes)
+    distances = [] if verdicts else _nearest_rows(one)  # every verdict tells its distance
     beside = table([], [*_path(one.trajectory), *shape_rows(one), *distances]) + _errors(one)
     if judged:
         beside += f'<div class="limits">{table(VERDICTS, _judged(judged))}</div>'
@@ -157,3 +164,49 @@ def _verdict(one: Verdict, measure: str) -> list[str]:
 
 def _fault(one: Verdict) -> str:
     return f"trajectory {one.trajectory}: {verdict_sentence(one)}"
+
+
+def _with_far_ones_gathered(one: Measures, verdicts: Sequence[Verdict]) -> list[Verdict]:
+    """Return the verdicts on a trajectory, those on others that are far from it as one: that on their nearest."""
+    named = _others(one)
+    on_others = [verdict for verdict in verdicts if (verdict.measure, verdict.value) in named]
+    on_others.sort(key=lambda verdict: verdict.value or 0.0)
+    far = [verdict for verdict in on_others[NEAREST:] if verdict.passes and not is_near(verdict)]
+    if len(far) < 2:
+        return list(verdicts)
+    left_out = set(far)
+    kept = [verdict for verdict in verdicts if verdict not in left_out]
+    return [*kept, replace(far[0], measure=_called(len(far)), remark="the nearest of them")]
+
+
+def _nearest_rows(one: Measures) -> Rows:
+    """Return how near a trajectory comes to obstacles and to the nearest others, where no limit could be held."""
+    by_distance = sorted(one.spacings, key=lambda near: near.clearance_mm)
+    far = by_distance[NEAREST:]
+    if len(far) < 2:
+        return distance_rows(one)
+    left_out = set(far)
+    kept = tuple(near for near in one.spacings if near not in left_out)
+    least = f"{far[0].clearance_mm:.2f} mm, the nearest of them"
+    return [*distance_rows(replace(one, spacings=kept)), (_called(len(far)), least)]
+
+
+def _faults(one: Measures, broken: Sequence[Verdict], told: set[frozenset[str]]) -> Iterator[Verdict]:
+    """Yield what is ``broken`` of a trajectory; of two that come too near to each other once, as ``told`` keeps."""
+    named = _others(one)
+    for verdict in broken:
+        other = named.get((verdict.measure, verdict.value))
+        pair = frozenset((verdict.trajectory, other)) if other is not None else None
+        if pair is None or pair not in told:
+            yield verdict
+        if pair is not None:
+            told.add(pair)
+
+
+def _others(one: Measures) -> dict[tuple[str, float | None], str]:
+    """Return the other trajectories by measure and value of the verdicts on them."""
+    return {(f"distance to {called}", near.clearance_mm): near.other for called, near in one.named_spacings}
+
+
+def _called(count: int) -> str:
+    return f"distance to {count} others"

@@ -10,8 +10,7 @@ from ronnaplan.case.folder import Case
 from ronnaplan.case.placed import placement_doubts
 from ronnaplan.documents.placement import PlaceEntry, PlacementDocument
 from ronnaplan.planning.rows import number
-from ronnaplan.report.html import element, picture, table
-from ronnaplan.report.part import Part
+from ronnaplan.report.html import Part, element, picture, table
 
 if TYPE_CHECKING:
     from ronnaplan.report.overview import View

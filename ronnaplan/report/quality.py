@@ -10,10 +10,9 @@ from typing import Literal
 from ronnaplan import __version__
 from ronnaplan.case.folder import Case
 from ronnaplan.report import marker_part, overview, path_part
-from ronnaplan.report.html import box, element, page, section, table
+from ronnaplan.report.html import Part, box, element, html_of, page, section, table
 from ronnaplan.report.marker_part import markers_part
 from ronnaplan.report.overview import View, overview_part
-from ronnaplan.report.part import Part, html_of
 from ronnaplan.report.path_part import paths_part
 from ronnaplan.report.placement_part import placement_part
 from ronnaplan.report.registration_part import registration_part

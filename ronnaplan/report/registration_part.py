@@ -8,8 +8,7 @@ from ronnaplan.documents.agreement import disagreement
 from ronnaplan.documents.registration import RegistrationDocument
 from ronnaplan.documents.registration_text import FRE_WARNING
 from ronnaplan.planning.rows import number
-from ronnaplan.report.html import element, table
-from ronnaplan.report.part import Part
+from ronnaplan.report.html import Part, element, table
 from ronnaplan.text import chance, told_apart
 
 TITLE = "Registration"

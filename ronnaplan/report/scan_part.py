@@ -7,8 +7,7 @@ import numpy as np
 from ronnaplan.case.folder import Case
 from ronnaplan.case.surroundings import scan_doubts
 from ronnaplan.ct import CTVolume
-from ronnaplan.report.html import table
-from ronnaplan.report.part import Part
+from ronnaplan.report.html import Part, table
 
 
 def scan_part(case: Case) -> Part:

@@ -30,7 +30,7 @@ from ronnaplan.planning.angles import RAS_IN_LPS
 from ronnaplan.planning.limits import Verdict
 from ronnaplan.planning.rows import value_and_limit
 from ronnaplan.report import marker_part
-from ronnaplan.report.part import html_of
+from ronnaplan.report.html import html_of
 from ronnaplan.report.quality import quality_report
 from ronnaplan.report.registration_part import registration_part
 from tests import cases

@@ -26,7 +26,7 @@ from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
 from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.planning.uncertainty import PathError
-from ronnaplan.report.part import html_of
+from ronnaplan.report.html import html_of
 from ronnaplan.report.path_part import paths_part
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 from ronnaplan.untrusted import checked

@@ -15,7 +15,7 @@ from ronnaplan.ct.scratch import Scratch
 from ronnaplan.node import work as work_module
 from ronnaplan.node.config import Rule
 from ronnaplan.node.work import Order, begin, finish
-from ronnaplan.report import contact, marker_cuts, pdf
+from ronnaplan.report import contact, marker_part, pdf
 
 SCAN = Path("data/synthetic_ct")
 HEAVY = {
@@ -81,7 +81,7 @@ def test_the_voxels_are_gone_before_what_needs_none_is_made(
 
     monkeypatch.setattr(work_module, "_find", found)
     monkeypatch.setattr(contact, "draw_sheet", without_voxels(contact.draw_sheet))
-    monkeypatch.setattr(marker_cuts, "draw_row", without_voxels(contact.draw_row))
+    monkeypatch.setattr(marker_part, "draw_row", without_voxels(contact.draw_row))
     monkeypatch.setattr(pdf, "print_pdf", without_voxels(lambda page: b"%PDF-"))
     told: list[tuple[str, Any]] = []
     rule = Rule(name="r", diameters=(11.5,), expected=6)

@@ -26,7 +26,7 @@ from ronnaplan.planning import Landmarks, Limits
 from ronnaplan.planning.electrodes import ELECTRODES
 from ronnaplan.report import path_part
 from ronnaplan.report.html import STYLE, page, picture, section, table
-from ronnaplan.report.marker_cuts import MarkerPicture
+from ronnaplan.report.marker_part import MarkerPicture
 from ronnaplan.report.overview import View
 from ronnaplan.report.pdf import find_browser, print_pdf
 from ronnaplan.report.quality import quality_report

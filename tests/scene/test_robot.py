@@ -12,8 +12,8 @@ from ronnaplan.documents.placement import HeldEntry, MarkerEntry, PlacementDocum
 from ronnaplan.documents.placement_made import placement_document
 from ronnaplan.errors import FrameMismatchError
 from ronnaplan.planning import Plan
+from ronnaplan.report.html import html_of
 from ronnaplan.report.overview import View
-from ronnaplan.report.part import html_of
 from ronnaplan.report.placement_part import placement_part
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.placement.placement import Place, Placement

@@ -18,7 +18,7 @@ from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanwide import logarithm
 from ronnaplan.localization.scanwide.logarithm import summed_told, told_by
 from ronnaplan.localization.search.detect import detect
-from ronnaplan.report.marker_cuts import marker_pictures
+from ronnaplan.report.marker_part import marker_pictures
 from ronnaplan.report.tables import resolution_line
 from tests.localization.scanner.test_summed import WIDTH_MM, summed_picture_hu
 from tests.scans import balls, offsets_mm, scan, small_stack

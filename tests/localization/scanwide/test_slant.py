@@ -19,7 +19,7 @@ from ronnaplan.localization import Fiducials, common_diameter, localize
 from ronnaplan.localization.fit.neighbourhood import axes_along, gather
 from ronnaplan.localization.scanner.summed import Summed
 from ronnaplan.report.contact import gathered
-from ronnaplan.report.marker_cuts import marker_pictures
+from ronnaplan.report.marker_part import marker_pictures
 from ronnaplan.report.tables import resolution_line
 from tests.long import few_and_others
 from tests.scans import balls, scan, small_stack

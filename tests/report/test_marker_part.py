@@ -11,7 +11,7 @@ from phantoms.scene import Part, Scene
 from phantoms.solids import sphere
 from ronnaplan.documents.fiducials import fiducials_document
 from ronnaplan.localization import Build, localize
-from ronnaplan.report.marker_cuts import marker_pictures
+from ronnaplan.report.marker_part import marker_pictures
 from tests.scans import balls, on_grid, scan, small_stack
 
 CENTER = (1.3, 2.2, 3.1)

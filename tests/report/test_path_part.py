@@ -13,9 +13,8 @@ import pytest
 from ronnaplan.case.folder import Case, CaseFiles, read_case
 from ronnaplan.planning import Limits
 from ronnaplan.report import path_part
-from ronnaplan.report.others import NEAREST
-from ronnaplan.report.part import html_of
-from ronnaplan.report.path_part import paths_part
+from ronnaplan.report.html import html_of
+from ronnaplan.report.path_part import NEAREST, paths_part
 from tests import cases
 
 APART_MM = 0.5
