@@ -60,7 +60,7 @@ def open_archive(config: Config, peer: Peer, by: str | None = None) -> Iterator[
     from pynetdicom import evt
 
     from ronnaplan.node.association import associated
-    from ronnaplan.node.companions import asked_for
+    from ronnaplan.node.destination import asked_for, destination
 
     kept = Arrivals()
     ways = {"get": GET, "move": MOVE}
@@ -76,8 +76,6 @@ def open_archive(config: Config, peer: Peer, by: str | None = None) -> Iterator[
             )
         with ExitStack() as stack:
             if way == MOVE:
-                from ronnaplan.node.destination import destination
-
                 stack.enter_context(destination(config, peer, handlers))
             yield _Dimse(config, peer, association, way, kept)
 
