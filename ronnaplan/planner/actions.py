@@ -11,11 +11,11 @@ import numpy as np
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.arguments import Index, Pixels, Share, Steps, Typed
-from ronnaplan.planner.blend import Blend
 from ronnaplan.planner.following import LONGEST_S, MOMENT_S
 from ronnaplan.planner.opening import SIDES
 from ronnaplan.planner.pixels import Pixel
 from ronnaplan.planner.pointer import Pointer
+from ronnaplan.planner.second import Blend
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning.angles import acpc_from_lps, lps_from_acpc
 from ronnaplan.text import LONGEST_NUMBER, plain_number, printable, whole_number

@@ -1,12 +1,16 @@
-"""The 3-D view of the page: what is in the scene, and its picture, drawn anew only where something changed."""
+"""The 3-D view of the page: what is in the scene, and its picture, drawn anew only where something changed.
+
+A page that draws the head itself fetches its things, and the whole scan.
+"""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
+from aiohttp import web
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.cuts import Picture, picture_of
@@ -15,6 +19,7 @@ from ronnaplan.planner.state import PlannerState
 from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.scene.camera import Camera
 from ronnaplan.scene.head import HeadParts
+from ronnaplan.scene.packed import packed
 from ronnaplan.scene.volume import PRESETS, table
 
 
@@ -125,6 +130,24 @@ class HeadView:
             scene.hide_surface()
         elif kind in self.parts.surfaces:
             scene.show_surface(kind, self.parts.surfaces[kind])
+
+
+def head_routes(heads: Callable[[], Iterable[HeadView]]) -> list[web.RouteDef]:
+    """Return what is answered of the ``heads`` of all pages: each thing by its key, those that are still shown."""
+
+    async def things(request: web.Request) -> web.Response:
+        scenes = [view.scene for view in heads() if view.scene is not None]
+        keys = set(request.match_info["keys"].split(","))
+        found = {key: one for key in keys for scene in scenes if (one := scene.thing(key)) is not None}
+        return web.json_response({key: packed(one) for key, one in found.items()})
+
+    async def volume(_: web.Request) -> web.Response:
+        made = next((view.parts.volume for view in heads() if view.parts.volume is not None), None)
+        if made is None:
+            raise web.HTTPNotFound(text="it is not made yet")
+        return web.Response(body=made.packed, content_type="application/octet-stream")
+
+    return [web.get("/things/{keys}", things), web.get("/volume", volume)]
 
 
 def _same(shown: Any, now: Any) -> bool:

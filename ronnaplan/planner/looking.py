@@ -11,10 +11,10 @@ import numpy as np
 from ronnaplan.case.edits import OpenCase
 from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.geometry import FloatArray, as_point
-from ronnaplan.planner.blend import Blend
 from ronnaplan.planner.cuts import ACROSS, PATH_VIEWS, STANDARD, WINDOWS_HU, path_axes
 from ronnaplan.planner.head_look import HeadLooking
 from ronnaplan.planner.regions import Regions, changed
+from ronnaplan.planner.second import Blend
 from ronnaplan.planner.storage import LAYOUTS, Look, PlacedImage, ShownRegion, Storage
 from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.scene.cut import Cut

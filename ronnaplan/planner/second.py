@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from ronnaplan.ct import CTVolume
+from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.aligning import Alignment, align
-from ronnaplan.planner.blend import MODES, Blend
 from ronnaplan.planner.cuts import Shades, shaded
 from ronnaplan.planner.worker import Job, Start
 from ronnaplan.planning.sampling import AIR_HU, SliceSampler
@@ -28,6 +28,8 @@ CELL_MM = 2.0
 DOUBTFUL_MM = 2.0
 """Two starts that end further apart than this did not find one answer."""
 
+MODES: Final = ("blend", "checkerboard")
+
 SQUARES = 8
 """Along the shorter side of a view."""
 
@@ -36,6 +38,19 @@ WINDOW_SHARES = (1.0, 99.5)
 
 SCALE = 1000.0
 """The range between these percentiles, for the registration: images other than CT have no scale of their own."""
+
+
+@dataclass(frozen=True)
+class Blend:
+    """So much of the second image (0 to 1), over all of the first or in every other square."""
+
+    share: float = 0.5
+    mode: str = MODES[0]
+
+    def __post_init__(self) -> None:
+        """Refuse a mode that there is not."""
+        if self.mode not in MODES:
+            raise UsageError(f"images are not shown as {self.mode}; they are as {', '.join(MODES)}")
 
 
 def is_rigid(pose: FloatArray) -> bool:

@@ -111,7 +111,7 @@ def _trame_server() -> Any:
 def _bind(application: web.Application, app: PlannerApp, handing: Handing, token: str, host: str) -> None:
     """Let in only who knows the ``token``, and answer for page, head and files."""
     from ronnaplan.planner.gate import gate
-    from ronnaplan.planner.head_routes import head_routes
+    from ronnaplan.planner.head_view import head_routes
     from ronnaplan.planner.page_files import FETCHED_AHEAD, page_routes
 
     application.middlewares.append(gate(token, LOOPBACK | {host}, FETCHED_AHEAD))

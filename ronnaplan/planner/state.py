@@ -17,8 +17,7 @@ from ronnaplan.planner.aligning import Alignment
 from ronnaplan.planner.following import Following
 from ronnaplan.planner.looking import Looking
 from ronnaplan.planner.offers import Offers
-from ronnaplan.planner.outlines import Outlines
-from ronnaplan.planner.regions import first_shown, joined
+from ronnaplan.planner.regions import Outlines, first_shown, joined
 from ronnaplan.planner.registering import Registering
 from ronnaplan.planner.second import Second, known_by
 from ronnaplan.planner.storage import PlacedImage, Storage

@@ -11,8 +11,7 @@ from aiohttp import web
 from aiohttp.test_utils import TestClient, TestServer
 
 from ronnaplan.planner.cuts import Picture
-from ronnaplan.planner.head_routes import head_routes
-from ronnaplan.planner.head_view import HeadView
+from ronnaplan.planner.head_view import HeadView, head_routes
 from ronnaplan.planner.over_head import over_head
 from ronnaplan.planner.panes import Pane
 from ronnaplan.planner.regions import Region

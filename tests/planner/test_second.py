@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.errors import UsageError
 from ronnaplan.planner.aligning import align
-from ronnaplan.planner.blend import Blend
-from ronnaplan.planner.second import Second
+from ronnaplan.planner.second import Blend, Second
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import PlacedImage
 from ronnaplan.planner.worker import Job

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ronnaplan.planner.outlines import Outlines
 from ronnaplan.planner.panes import Pane
+from ronnaplan.planner.regions import Outlines
 from ronnaplan.scene.cut import Cut
 from tests import cases
 
