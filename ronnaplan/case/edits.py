@@ -10,10 +10,9 @@ from typing import Any
 from ronnaplan.case import marker_edits
 from ronnaplan.case.folder import Case, CaseFiles
 from ronnaplan.case.judgement import Judgement
-from ronnaplan.case.kept_files import KeptFiles
+from ronnaplan.case.kept_files import KeptFiles, Waiting
 from ronnaplan.case.steps import MarkerStep, Steps
 from ronnaplan.case.surroundings import Labels, Rules
-from ronnaplan.case.waiting import Waiting
 from ronnaplan.ct import CTVolume
 from ronnaplan.documents.agreement import disagreement
 from ronnaplan.documents.fiducials import FiducialsDocument

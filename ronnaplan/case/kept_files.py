@@ -1,4 +1,7 @@
-"""The files of an open case, as they were last seen or written: what another hand does to them is noticed."""
+"""The files of an open case, as they were last seen or written: what another hand does to them is noticed.
+
+The change that could not be written, as on a full disk, waits until it can be, or is given up.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ from ronnaplan.documents.open_document import Kept
 from ronnaplan.documents.plan import plan_text, read_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.documents.registration import RegistrationDocument, read_registration
-from ronnaplan.errors import RonnaplanError, UsageError
+from ronnaplan.errors import RonnaplanError, UnwrittenError, UsageError
 from ronnaplan.planning import Limits, Plan
 from ronnaplan.planning.merging import merged
 
@@ -99,3 +102,37 @@ class KeptFiles:
         if unread:
             raise unread[0]
         return changed
+
+
+class Waiting:
+    """Keeps one change: none that waits is dropped for a later one, which is made to what is shown, without it."""
+
+    def __init__(self) -> None:
+        self._make: Callable[[], None] | None = None
+
+    def __bool__(self) -> bool:
+        """Whether a change waits."""
+        return self._make is not None
+
+    def keep(self, error: UnwrittenError, make: Callable[[], None]) -> None:
+        """Let a change wait that ``make`` makes; raises `UnwrittenError` where another one waits."""
+        if self._make is not None:
+            raise UnwrittenError(
+                f"{error}; this change is not made, as one before it still waits to be written: "
+                "let that be written, or give it up first"
+            ) from error
+        self._make = make
+
+    def make(self) -> bool:
+        """Make the change that waits, if there is one; return whether it was made.
+
+        Raises `UnwrittenError`, and it waits on, where it still cannot be written; what else is wrong with it ends it.
+        """
+        make, self._make = self._make, None
+        if make is not None:
+            make()
+        return make is not None
+
+    def give_up(self) -> None:
+        """Do without the change that waits."""
+        self._make = None
