@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, TypeAlias
 from ronnaplan.documents.fiducials import FiducialsDocument, Source, read_fiducials
 from ronnaplan.documents.fiducials_csv import csv_table
 from ronnaplan.documents.files import TABLE_ENDINGS, read_json, require_ending, write_atomically
-from ronnaplan.documents.itk_transform import itk_transform
 from ronnaplan.documents.markups import MARKUPS_ENDINGS, markups
 from ronnaplan.documents.plan import FORMAT as PLAN
 from ronnaplan.documents.registration import FORMAT as REGISTRATION
 from ronnaplan.documents.registration import RegistrationDocument, read_registration
-from ronnaplan.documents.registration_exports import registration_csv, registration_markups
+from ronnaplan.documents.registration_exports import itk_transform, registration_csv, registration_markups
 from ronnaplan.documents.ros import ros_transform
 from ronnaplan.errors import UsageError, check_type
 
