@@ -19,17 +19,19 @@ from pyigtl.messages import CRC64
 from ronnaplan.geometry import FloatArray
 from ronnaplan.text import printable
 from ronnaplan.tracking.clocks import Clocks
-from ronnaplan.tracking.igtl_bodies import (
+from ronnaplan.tracking.igtl_layout import (
+    HEADER,
     PLACE_BYTES,
     POINT_ITEM,
     TRACKED_ITEMS,
+    Message,
     doubles,
     matrix_of,
+    pose_status,
     positions,
     text,
     tracked,
 )
-from ronnaplan.tracking.igtl_header import HEADER, Message, pose_status
 from ronnaplan.tracking.recording import (
     OK,
     PointReading,

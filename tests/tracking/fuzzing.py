@@ -17,7 +17,7 @@ from pyigtl.messages import CRC64
 from ronnaplan.errors import InputError
 from ronnaplan.tracking import Recording, find_markers, read_recording
 from ronnaplan.tracking.csv_file import write_csv
-from ronnaplan.tracking.igtl_header import HEADER
+from ronnaplan.tracking.igtl_layout import HEADER
 from ronnaplan.tracking.igtl_messages import Stream
 from ronnaplan.tracking.openigtlink import SILENCE_S
 from tests.fuzz.border import Border, WrongValueError
