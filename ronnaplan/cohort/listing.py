@@ -5,18 +5,17 @@ Nothing is held in memory for each file: what is met goes to a table on the disk
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import islice
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, TypeVar
 
-from ronnaplan.cohort.facts import rule_texts
-from ronnaplan.cohort.index import TEXTS, Index
+from ronnaplan.cohort.entries import FIRST, LookedInto, enter, enter_unopened, remove
+from ronnaplan.cohort.index import Index
 from ronnaplan.cohort.places import LIMITS, Met, Place
 from ronnaplan.ct.catalogue import read_instance
 from ronnaplan.ct.files import Blob, Skipped
-from ronnaplan.ct.slices import Instance
 from ronnaplan.errors import InputError
 from ronnaplan.text import printable
 
@@ -24,8 +23,6 @@ CHUNK: Final = 1000
 """Files whose headers are read between two commits: what a killed listing has to do again."""
 REQUESTS: Final = 32
 """Headers that are fetched at one time from behind a URL."""
-FIRST: Final = "ORDER BY files.place, files.folder, files.name LIMIT 1"
-"""Of a series' files, the one that describes it, whatever was listed when."""
 FIRST_FOLDER: Final = f"(SELECT files.folder FROM files WHERE files.series = series.id {FIRST})"
 """Where a series lies."""
 PARTLY: Final = "some of its files cannot be read"
@@ -44,18 +41,6 @@ class Listed:
     files: int = 0
     changed: int = 0
     skipped: list[str] = field(default_factory=list)
-
-
-class _LookedInto(NamedTuple):
-    """A file whose header was read; ``instance`` is None where it belongs to no series, for a reason."""
-
-    met: Met
-    instance: Instance | None
-    reason: str = ""
-    is_trouble: bool = False
-    told: str = ""
-    """What the user is told of a file that may hold images and was not looked into."""
-    is_archive: bool = False
 
 
 def bring_up_to_date(index: Index, roots: Sequence[str], *, progress: bool = False) -> Listed:
@@ -115,7 +100,7 @@ def _list_root(index: Index, place: Place, listed: Listed, progress: bool) -> No
             trouble.append(Skipped(printable(place.root), "it is empty, and was not; is its disk there?", True))
         unopened = {place.below(one.path): one.reason for one in trouble}
         _remove_lost(index, number, unopened)
-        _enter_unopened(index, number, unopened)
+        enter_unopened(index, number, unopened)
     changed = index.value("SELECT COUNT(*) FROM changed")
     listed.files += count
     listed.changed += changed
@@ -134,24 +119,12 @@ def _remove_lost(index: Index, number: int, unopened: Iterable[str]) -> None:
     index.run("CREATE TEMP TABLE IF NOT EXISTS unopened (path)")
     index.run("DELETE FROM unopened")
     index.run_many("INSERT INTO unopened VALUES (?)", [(path,) for path in unopened])
-    _remove(
+    remove(
         index,
         "place = ? AND NOT EXISTS (SELECT 1 FROM met WHERE met.folder = files.folder AND met.name = files.name)"
         " AND NOT EXISTS (SELECT 1 FROM unopened WHERE path = ''"
         " OR instr(ltrim(files.folder || '/', '/') || files.name || '/', path || '/') = 1)",
         number,
-    )
-
-
-def _enter_unopened(index: Index, number: int, unopened: Mapping[str, str]) -> None:
-    """Enter folders and links of a root that cannot be opened, each with its reason, within a transaction.
-
-    They are told on the page, and series beside them are flagged, as for files. What was a file stays one.
-    """
-    index.run_many(
-        "INSERT INTO files (place, folder, name, size, stamp, trouble, reason) VALUES (?, ?, ?, 0, '', 1, ?)"
-        " ON CONFLICT DO UPDATE SET reason = excluded.reason WHERE series IS NULL",
-        [(number, *path.rpartition("/")[::2], reason) for path, reason in unopened.items()],
     )
 
 
@@ -163,8 +136,8 @@ def _changed(index: Index) -> Iterator[Met]:
         last = rows[-1][0]
 
 
-def _look_into(place: Place, changed: Iterable[Met]) -> Iterator[_LookedInto]:
-    def look(met: Met) -> _LookedInto:
+def _look_into(place: Place, changed: Iterable[Met]) -> Iterator[LookedInto]:
+    def look(met: Met) -> LookedInto:
         return _looked_into(place, met, place.blob(met.folder, met.name, met.size))
 
     if not place.is_remote:
@@ -175,19 +148,19 @@ def _look_into(place: Place, changed: Iterable[Met]) -> Iterator[_LookedInto]:
             yield from pool.map(look, chunk)
 
 
-def _looked_into(place: Place, met: Met, blob: Blob) -> _LookedInto:
+def _looked_into(place: Place, met: Met, blob: Blob) -> LookedInto:
     skipped: list[Skipped] = []
     instance = read_instance(blob, LIMITS, skipped)
     if instance is not None:
-        return _LookedInto(met, instance)
+        return LookedInto(met, instance)
     (why,) = skipped
     is_zip = met.name.lower().endswith(".zip")  # if it holds something else, it is told as damaged when opened
     if place.is_archive(met.folder, met.name, met.size) or (is_zip and not place.archive and not why.is_trouble):
-        return _LookedInto(met, None, is_archive=True)
+        return LookedInto(met, None, is_archive=True)
     if place.archive and is_zip:
-        return _LookedInto(met, None, NESTED, why.is_trouble)
+        return LookedInto(met, None, NESTED, why.is_trouble)
     told = f"{why.name}: {why.reason}" if why.is_trouble else ""
-    return _LookedInto(met, None, why.reason, why.is_trouble, told)
+    return LookedInto(met, None, why.reason, why.is_trouble, told)
 
 
 def _list_archive(index: Index, number: int, root: str, met: Met, listed: Listed) -> None:
@@ -203,7 +176,7 @@ def _list_archive(index: Index, number: int, root: str, met: Met, listed: Listed
             "SELECT 1 FROM files WHERE (place, folder, name, size, stamp, reason) = (?, ?, ?, ?, ?, ?)",
             *(number, *met, PARTLY),
         )
-        _remove(index, "place = ? AND (trouble OR NOT ?)", inside, bool(is_same))
+        remove(index, "place = ? AND (trouble OR NOT ?)", inside, bool(is_same))
         known = set(index.rows("SELECT folder, name FROM files WHERE place = ?", inside))
         reason = ""
         try:
@@ -217,68 +190,17 @@ def _list_archive(index: Index, number: int, root: str, met: Met, listed: Listed
         listed.skipped += told
         if told or index.value("SELECT 1 FROM files WHERE place = ? AND trouble LIMIT 1", inside):
             reason = reason or PARTLY
-        _remove(index, "place = ? AND folder = ? AND name = ?", number, met.folder, met.name)
+        remove(index, "place = ? AND folder = ? AND name = ?", number, met.folder, met.name)
         index.run(
             "INSERT INTO files (place, folder, name, size, stamp, archive, reason) VALUES (?, ?, ?, ?, ?, ?, ?)",
             *(number, *met, inside, reason),
         )
 
 
-def _enter(index: Index, place: int, looked: Sequence[_LookedInto], listed: Listed) -> None:
-    """Enter files that were looked into, within a transaction; the series that they are of, or were, have changed."""
-    for one in looked:
-        _remove(index, "place = ? AND folder = ? AND name = ?", place, one.met.folder, one.met.name)
-    known: dict[tuple[str, str], int] = {}
-    rows = []
-    for one in looked:
-        series = None
-        if one.instance is not None:
-            uids = (one.instance.study_uid or "", one.instance.series_uid or "")
-            series = known.get(uids) or _series(index, place, uids)
-            known[uids] = series
-        rows.append((place, *one.met, series, one.is_trouble, one.reason))
+def _enter(index: Index, place: int, looked: Sequence[LookedInto], listed: Listed) -> None:
+    """Enter files that were looked into, within a transaction, and note what the user is told of them."""
+    enter(index, place, looked)
     listed.skipped += [one.told for one in looked if one.told]
-    index.run_many(  # archives may have several members of one name
-        "INSERT OR REPLACE INTO files (place, folder, name, size, stamp, series, trouble, reason)"
-        " VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
-        rows,
-    )
-    index.run_many("UPDATE series SET revision = revision + 1 WHERE id = ?", [(each,) for each in known.values()])
-    headers = {(one.met.folder, one.met.name): one.instance for one in looked}
-    for each in known.values():
-        _describe(index, each, headers)
-
-
-def _describe(index: Index, series: int, headers: Mapping[tuple[str, str], Instance | None]) -> None:
-    """Describe a series as its first file does, within a transaction, if that is one of those whose header was read."""
-    first = index.rows(f"SELECT folder, name FROM files WHERE series = ? {FIRST}", series)
-    instance = headers.get(first[0]) if first else None
-    if instance is not None:
-        values = ", ".join(f"{text} = ?" for text in TEXTS)
-        index.run(f"UPDATE series SET {values} WHERE id = ?", *rule_texts(instance, first[0][0]), series)
-
-
-def _series(index: Index, place: int, uids: tuple[str, str]) -> int:
-    """Return the number of a series; a new one is described once its files are entered."""
-    index.run(
-        f"INSERT INTO series (place, study_uid, series_uid, {', '.join(TEXTS)})"
-        f" VALUES (?, ?, ?, {', '.join('?' * len(TEXTS))}) ON CONFLICT DO NOTHING",
-        *(place, *uids, *("" for _ in TEXTS)),
-    )
-    number: int = index.value(
-        "SELECT id FROM series WHERE place = ? AND study_uid = ? AND series_uid = ?", place, *uids
-    )
-    return number
-
-
-def _remove(index: Index, where: str, *values: object) -> None:
-    """Remove files, within a transaction; the series that they were of have changed."""
-    index.run(
-        "UPDATE series SET revision = revision + 1 WHERE id IN"
-        f" (SELECT series FROM files WHERE {where} AND series IS NOT NULL)",
-        *values,
-    )
-    index.run(f"DELETE FROM files WHERE {where}", *values)
 
 
 def _chunks(items: Iterable[Item], size: int) -> Iterator[list[Item]]:
