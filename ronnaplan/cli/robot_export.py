@@ -101,7 +101,7 @@ def _rolls(arguments: argparse.Namespace, plan: Plan, chain: ChainDocument) -> t
     With a placement both are what that looked at. Raises `InputError` for a point further out.
     """
     from ronnaplan.documents.placement import read_placement
-    from ronnaplan.documents.robot_rolls import placed_x_axes
+    from ronnaplan.documents.robot_points import placed_x_axes
     from ronnaplan.errors import InputError
 
     asked: float | None = arguments.approach

@@ -1,51 +1,45 @@
-"""Planned trajectories in the robot's coordinates, as files: JSON, CSV, YAML for ROS, and points for a KUKA."""
+"""Planned trajectories in the robot's coordinates, as files: JSON, CSV, YAML for ROS, and points for a KUKA.
+
+How the tool is rolled about them a placement may tell, by which the arm serves them.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
 import json
-import math
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
 from ronnaplan.documents.chain import ChainDocument
 from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.fields import DocumentModel, Label, LengthMm, Line, Matrix4, Software, Vector
-from ronnaplan.documents.poses import PoseEntry
+from ronnaplan.documents.krl import in_ascii, krl_frame, krl_names, require_told_apart
+from ronnaplan.documents.poses import SAME_POSE_MM, PoseEntry
 from ronnaplan.documents.reading import made, to_json
 from ronnaplan.documents.robot_formats import RobotFormat
 from ronnaplan.documents.ros import yaml_number
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
+from ronnaplan.planning import Plan
 from ronnaplan.pose import Pose, about, as_pose
 from ronnaplan.robot.chain import TCP, R
 from ronnaplan.robot.trajectories import RobotTrajectory
+from ronnaplan.text import listed
+
+if TYPE_CHECKING:
+    from ronnaplan.documents.placement import PlacementDocument
 
 NOTICE = "Research use only, not a medical device. Check every point before the robot moves."
 CSV_HEADER = (
     *("trajectory", "point", "x_mm", "y_mm", "z_mm", "q0", "qx", "qy", "qz"),
     *("expected_error_mm", "sd_x_mm", "sd_y_mm", "sd_z_mm", "notice"),
 )
-LOCKED = 1e-7
-"""Tool x axes nearer than this to the vertical leave A and C of a KUKA one free angle."""
-LONGEST_KRL_NAME = 24
-"""Characters of a name in KRL at most."""
 KRL_LIST = "ronnaplan_points"
-KRL_WORDS: Final = re.compile(
-    "AND|ANIN|ANOUT|AXIS|BOOL|BRAKE|B_AND|B_EXOR|B_NOT|B_OR|CASE|CCLOSE|CHANNEL|CHAR|CIRC|"
-    "CIRC_REL|CONFIRM|CONST|CONTINUE|COPEN|CREAD|CWRITE|C_DIS|C_ORI|C_PTP|C_SPL|C_VEL|DECL|DEF|"
-    "DEFAULT|DEFDAT|DEFFCT|DELAY|DIGIN|DISTANCE|DO|E6AXIS|E6POS|ELSE|END|ENDDAT|ENDFCT|ENDFOR|"
-    "ENDIF|ENDLOOP|ENDSPLINE|ENDSTRUC|ENDSWITCH|ENDWHILE|ENUM|EXIT|EXOR|EXT|EXTFCT|FALSE|FOR|FRAME|"
-    "GLOBAL|GOTO|HALT|IF|IMPORT|INT|INTERRUPT|IS|LIN|LIN_REL|LOOP|MAXIMUM|MINIMUM|NOT|OFF|ON|OR|"
-    "POS|PRIO|PTP|PTP_REL|PUBLIC|PULSE|REAL|REPEAT|RESUME|RETURN|SCIRC|SEC|SIGNAL|SLIN|SPLINE|"
-    "SPTP|SREAD|STEP|STRUC|SWITCH|SWRITE|SYNC|THEN|TO|TRIGGER|TRUE|UNTIL|WAIT|WHEN|WHILE|WITH"
-)
-"""What means something in the language, and names nothing else."""
+"""What a data list is called that goes to standard output."""
 
 
 class PointEntry(DocumentModel):
@@ -97,6 +91,41 @@ def export_points(
         raise InputError("the plan has no trajectory; add one first")
     document = _document(trajectories, chain, approach_mm)
     return WRITERS[to](document, name)
+
+
+def placed_x_axes(placement: PlacementDocument, plan: Plan, chain: ChainDocument) -> tuple[Vector, ...]:
+    """Return where the tool's x axis points in R along each trajectory of ``plan``, as ``placement`` serves it.
+
+    Raises `FrameMismatchError` for a placement of another scan, and `InputError` where its base is not the one that
+    ``chain`` measured, where it does not serve a trajectory as it is now, and where it tells no such axes.
+    """
+    plan.identity.require(placement.identity)
+    if placement.status != "parked":
+        raise InputError(
+            f"the placement is {placement.status}; expected one from where the robot was parked: check this chain with "
+            "'robot place --chain', and take what that writes"
+        )
+    place = placement.robot_from_ct[0]
+    apart = np.abs(np.array(place.r_from_ct) - chain.pose.matrix)
+    if apart.max() > SAME_POSE_MM:
+        raise InputError(
+            f"the placement has the scan elsewhere in R than the chain (its pose differs by up to {apart.max():.2g}); "
+            "check this chain with 'robot place --chain', and take what that writes"
+        )
+    if names := placement.not_known(plan.trajectories):
+        raise InputError(f"the placement does not serve {listed(names)} as planned now; run 'robot place' again")
+    if place.route.stuck:
+        raise InputError(
+            f"the placement has no free way to {listed(place.route.stuck)}; export by one that has a way to all"
+        )
+    served = {one.name: one.x_axis for one in place.tasks if one.kind == "trajectory"}
+    x_axes = tuple(axis for one in plan.trajectories if (axis := served.get(one.name)) is not None)
+    if len(x_axes) < len(plan.trajectories):
+        raise InputError(
+            "the placement does not tell where the tool's x axis points; state x_axis in [tool] of the room, and run "
+            "'robot place' again"
+        )
+    return x_axes
 
 
 def _document(
@@ -197,7 +226,7 @@ def _ros(document: RobotPointsDocument) -> str:
 
 def _krl(document: RobotPointsDocument, name: str) -> str:
     """Return a KRL data list of FRAMEs (mm, degrees; A about Z, B about Y, C about X) in $ROBROOT; it moves nothing."""
-    _require_told_apart([one.name for one in document.trajectories])
+    require_told_apart([one.name for one in document.trajectories])
     names = krl_names([one.name for one in document.trajectories])
     data_list = krl_names([name])[name]
     lines = [
@@ -210,65 +239,15 @@ def _krl(document: RobotPointsDocument, name: str) -> str:
     for one in document.trajectories:
         entry, target = one.entry.expected_error, one.target.expected_error
         told = f"expected error {entry:.3f} mm RMS at the entry, {target:.3f} at the target"
-        lines.append(f"; Trajectory {_ascii(one.name)}: {told}")  # FOLD as a comment's first word folds it
+        lines.append(f"; Trajectory {in_ascii(one.name)}: {told}")  # FOLD as a comment's first word folds it
         ends = {
             "APP": one.approach,
             "ENT": one.entry.robot_from_tool.matrix,
             "TGT": one.target.robot_from_tool.matrix,
         }
         for label, matrix in ends.items():
-            lines.append(f"DECL GLOBAL FRAME {names[one.name]}_{label}={{{_krl_frame(np.array(matrix))}}}")
+            lines.append(f"DECL GLOBAL FRAME {names[one.name]}_{label}={{{krl_frame(np.array(matrix))}}}")
     return "\n".join([*lines, "ENDDAT", ""])
-
-
-def _require_told_apart(names: Sequence[str]) -> None:
-    """Raise `InputError` for two names that are the same in ASCII, the letters of KRL."""
-    alike: dict[str, str] = {}
-    for name in names:
-        other = alike.setdefault(_ascii(name), name)
-        if other != name:
-            raise InputError(
-                f"the trajectories {other} and {name} look alike in the letters that KRL has (ASCII); rename one"
-            )
-
-
-def krl_names(names: Sequence[str]) -> dict[str, str]:
-    """Return the name in KRL of each trajectory: letters, digits and ``_``, no more than the controller takes.
-
-    >>> krl_names(["left STN", "left stn", "3rd", "frame"])
-    {'left STN': 'LEFT_STN', 'left stn': 'LEFT_STN_2', '3rd': 'T_3RD', 'frame': 'T_FRAME'}
-    """
-    taken: dict[str, str] = {}
-    for name in names:
-        plain = re.sub(r"[^A-Z0-9]+", "_", name.upper()).strip("_") or "T"
-        plain = plain if plain[0].isalpha() and not KRL_WORDS.fullmatch(plain) else f"T_{plain}"
-        longest = LONGEST_KRL_NAME - len("_APP")
-        candidate, number = plain[:longest], 1
-        while candidate in taken.values():
-            number += 1
-            candidate = f"{plain[: longest - len(str(number)) - 1]}_{number}"
-        taken[name] = candidate
-    return taken
-
-
-def _krl_frame(matrix: FloatArray) -> str:
-    values = dict(zip("XYZABC", (*matrix[:3, 3], *krl_angles(matrix)), strict=True))
-    return ",".join(f"{axis} {value:.6f}" for axis, value in values.items())
-
-
-def krl_angles(matrix: FloatArray) -> tuple[float, float, float]:
-    """Return A, B and C (degrees) of a pose: turns about Z, then the new Y, then the newest X.
-
-    Where B is +-90 degrees, A and C turn about one line and C is 0.
-    """
-    (ux, vx, _), (uy, vy, _), (uz, vz, wz) = matrix[:3, :3].tolist()
-    level = math.hypot(ux, uy)
-    if level < LOCKED:
-        angles = math.atan2(-vx, vy), math.atan2(-uz, level), 0.0
-    else:
-        angles = math.atan2(uy, ux), math.atan2(-uz, level), math.atan2(vz, wz)
-    a, b, c = map(math.degrees, angles)
-    return a, b, c
 
 
 def _quaternion(pose: Pose) -> FloatArray:
@@ -277,10 +256,6 @@ def _quaternion(pose: Pose) -> FloatArray:
 
     quaternion: FloatArray = Rotation.from_matrix(pose.rotation).as_quat(canonical=True, scalar_first=True)
     return quaternion
-
-
-def _ascii(text: str) -> str:
-    return text.encode("ascii", "replace").decode()
 
 
 WRITERS: Final[Mapping[RobotFormat, Callable[[RobotPointsDocument, str], str]]] = {

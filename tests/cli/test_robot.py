@@ -18,11 +18,11 @@ from scipy.spatial.transform import Rotation
 
 from phantoms.robot_session import write_session
 from ronnaplan.cli import main
+from ronnaplan.documents.krl import krl_angles
 from ronnaplan.documents.plan import write_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.documents.registration_made import registration_document
 from ronnaplan.documents.rig import read_rig
-from ronnaplan.documents.robot_points import krl_angles
 from ronnaplan.documents.template import read_template_document
 from ronnaplan.documents.tool import read_hand_eye, read_pivot
 from ronnaplan.errors import InputError, RefusedError
