@@ -8,7 +8,12 @@ from .orientation import (
     tool_pose as tool_pose,
 )
 from .pivot import PivotCalibration as PivotCalibration, calibrate_pivot as calibrate_pivot
-from .recorded import robot_pose as robot_pose, seen_tool as seen_tool, tool_poses as tool_poses
+from .recorded import (
+    locate_tool as locate_tool,
+    robot_pose as robot_pose,
+    seen_tool as seen_tool,
+    tool_poses as tool_poses,
+)
 from .stereo.calibration import (
     StereoCalibration as StereoCalibration,
     TcpCalibration as TcpCalibration,
@@ -23,5 +28,4 @@ from .stereo.markers import (
     relocate as relocate,
 )
 from .stereo.sphere import StereoSphere as StereoSphere, locate_sphere as locate_sphere
-from .tool_frame import locate_tool as locate_tool
 from .trajectories import RobotTrajectory as RobotTrajectory, robot_trajectory as robot_trajectory

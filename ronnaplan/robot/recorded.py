@@ -1,4 +1,4 @@
-"""Poses out of recordings: which belong together, and where something that rested was."""
+"""Poses out of recordings: which belong together, and where something that rested was, by poses or single spheres."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 from ronnaplan.errors import InputError, RefusedError, check_type
 from ronnaplan.geometry import FloatArray, Points, require_sigma
 from ronnaplan.pose import Pose, about, as_pose, require_millimetres_away, transform_points
+from ronnaplan.registration.marker_registration import MarkerRegistration, register_markers
 from ronnaplan.rigid import pose_covariance, require_spread
 from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.pivot import LONGEST_TOOL_MM
-from ronnaplan.robot.tool_frame import locate_tool
 from ronnaplan.sigmas import SIGMA_OTS_MM, SIGMA_ROBOT_DEG, SIGMA_ROBOT_MM
 from ronnaplan.tracking import Recording, find_markers
 from ronnaplan.tracking.recording import require_one_system, system_of
@@ -169,6 +169,21 @@ def resting_matrix(poses: dict[int, FloatArray], what: str) -> FloatArray:
             f"expected at most {STILL_MM:g} mm and {STILL_DEG:g} degrees; let it rest"
         )
     return mean
+
+
+def locate_tool(geometry: Points, readings: Points, *, expected: int | None = None) -> MarkerRegistration:
+    """Return where a tool is: its spheres' ``geometry`` (in its own frame) among the tracker's ``readings``.
+
+    The tool is the x-shaped frame M or an NDI-style rigid body. Readings may hold other markers and come in any order.
+    The pose, tracker from tool, is ``registration.pose``. Raises `RefusedError` when the spheres are not recognized
+    beyond doubt, for example by a symmetric geometry.
+    """
+    found = register_markers(geometry, readings, expected=expected, sigma_ct_mm=0.0)
+    if found.registration is None:
+        raise RefusedError(
+            f"the tool {geometry.frame} is not recognized among the readings: {found.pairing.reason}"
+        )
+    return found
 
 
 def seen_tool(

@@ -19,7 +19,7 @@ from ronnaplan.pose import Pose, about, exponential, invert, rigid, transform_po
 from ronnaplan.registration import Registration
 from ronnaplan.registration.marker_registration import register_markers
 from ronnaplan.robot.chain import OTS, TCP, Capture, M, R, robot_from_ct
-from ronnaplan.robot.tool_frame import locate_tool
+from ronnaplan.robot.recorded import locate_tool
 from ronnaplan.studies.blocks import Record, run_blocks, write_whole
 
 SCANS = 6

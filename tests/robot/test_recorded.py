@@ -1,4 +1,4 @@
-"""Poses out of recordings: which belong together, and where something that rested was."""
+"""Poses out of recordings: which belong together, and where something that rested was, by poses or single spheres."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import Frame, Points
-from ronnaplan.robot.chain import M, R
+from ronnaplan.robot.chain import OTS, M, R
 from ronnaplan.robot.recorded import (
+    locate_tool,
     require_numbered,
     require_robots,
     require_trackers,
@@ -155,6 +156,42 @@ def test_a_tool_whose_spheres_lie_where_no_tool_s_do_is_refused() -> None:
     seen_tool(at_rest, Points.exact(5 * SPHERES, tuple("ABCD"), M))
     with pytest.raises(InputError, match=r"a sphere of the tool lies 900 mm from M; expected at most 800"):
         seen_tool(at_rest, Points.exact(10 * SPHERES, tuple("ABCD"), M))
+
+
+def geometry_of(spheres: np.ndarray) -> Points:
+    labels = tuple(f"S{k + 1}" for k in range(len(spheres)))
+    return Points(spheres, np.tile(0.02**2 * np.eye(3), (len(spheres), 1, 1)), labels, M)
+
+
+def among_others(spheres: np.ndarray, seed: int) -> tuple[Points, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = Rotation.random(rng=rng).as_matrix(), (100, -50, -1500)
+    seen = spheres @ pose[:3, :3].T + pose[:3, 3] + rng.normal(size=spheres.shape) * 0.1
+    others = rng.uniform(-200, 200, (3, 3)) - (0, 0, 1500)
+    everything = np.vstack([others, seen])[rng.permutation(len(spheres) + 3)]
+    count = len(everything)
+    labels = tuple(str(k) for k in range(count))
+    return Points(everything, np.tile(0.1**2 * np.eye(3), (count, 1, 1)), labels, OTS), pose
+
+
+def test_the_x_shaped_frame_is_found_among_other_markers() -> None:
+    errors = []
+    for seed in range(20):
+        seen, truth = among_others(SPHERES, seed)
+        registration = locate_tool(geometry_of(SPHERES), seen, expected=4).registration
+        assert registration is not None
+        assert (registration.pose.to_frame, registration.pose.from_frame) == (OTS, M)
+        off = registration.pose.apply([[0, 0, 150]])[0] - truth[:3, :3] @ (0, 0, 150) - truth[:3, 3]
+        spread = registration.tre([[0, 0, 150]])[0]
+        errors.append(off @ np.linalg.solve(spread, off))
+    assert 1.5 < np.mean(errors) < 5  # 3 expected
+
+
+def test_a_symmetric_frame_has_no_pose() -> None:
+    square = np.array([[50.0, 0, 0], [0, 50, 0], [-50, 0, 0], [0, -50, 0]])
+    with pytest.raises(RefusedError, match="tool M is not recognized"):
+        locate_tool(geometry_of(square), among_others(square, 1)[0], expected=4)
 
 
 def test_poses_that_do_not_count_are_told() -> None:
