@@ -18,7 +18,7 @@ Late poses are often wrong by place, too: where a delay is likelier than the oth
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.by_pose_likelihood import COMPONENTS, Judged, judge, products, weighted
-from ronnaplan.robot.spectra import DRIFT_PROBABILITY, beside_a_field
+from ronnaplan.robot.by_pose_likelihood import COMPONENTS, Judged, judge, products, weighted_sums
+from ronnaplan.robot.spectra import beside_a_field, log_prior_of_drift, log_priors
 
 SHARES = (1.0, 10.0, 100.0)
 """Variances of the field, in those of the noise beside it: some hundredths of it are left."""
@@ -73,20 +73,20 @@ class Suspicion(NamedTuple):
 UNSUSPECTED = Suspicion()
 
 
-def suspicion(likely: FloatArray, weighed: list[Weighed]) -> Suspicion:
-    """Return what fields tell that were ``weighed``, each ``likely`` (N,) beside all other kinds of noise."""
-    told = (number for cause in OF_ONE_NUMBER for number in _size(cause, likely, weighed))
+def suspicion(likely: FloatArray, fields: Sequence[Weighed]) -> Suspicion:
+    """Return what ``fields`` tell that were weighed, each ``likely`` (N,) beside all other kinds of noise."""
+    told = (number for cause in OF_ONE_NUMBER for number in _size(cause, likely, fields))
     return Suspicion(float(likely.sum()), *told)
 
 
-def _size(cause: Cause, likely: FloatArray, weighed: list[Weighed]) -> tuple[float, float, float]:
+def _size(cause: Cause, likely: FloatArray, fields: Sequence[Weighed]) -> tuple[float, float, float]:
     """Return how likely a field of one number is, how large, and with which standard error."""
-    ours = np.array([cause in one.sizes for one in weighed], dtype=bool)
+    ours = np.array([cause in one.sizes for one in fields], dtype=bool)
     share = float(likely[ours].sum())
     if not share > 0:
         return 0.0, 0.0, 0.0
     each = likely[ours] / share
-    sizes, variances = np.array([one.sizes[cause] for one in weighed if cause in one.sizes]).T
+    sizes, variances = np.array([one.sizes[cause] for one in fields if cause in one.sizes]).T
     size = float(each @ sizes)
     return share, size, float(np.sqrt(each @ (variances + (sizes - size) ** 2)))
 
@@ -106,7 +106,7 @@ class ByFrequency(NamedTuple):
     """Which unknowns are a steady drift in the axes of the equations."""
 
 
-def judged(equations: ByFrequency, fields: Mapping[Cause, FloatArray], count: int, unlike: bool) -> list[Weighed]:
+def weighed(equations: ByFrequency, fields: Mapping[Cause, FloatArray], count: int, unlike: bool) -> list[Weighed]:
     """Return what ``fields`` (N, 6, s) are worth beside noise, white or as a filter leaves it, that drifts or not.
 
     The first ``count`` frequencies are judged. The noise's components are alike, or also ``unlike``.
@@ -120,7 +120,7 @@ def judged(equations: ByFrequency, fields: Mapping[Cause, FloatArray], count: in
 
 
 def _of_causes(others: tuple[Cause, ...], noises: _Noises) -> list[Weighed]:
-    """Return what fields by place are worth, beside ``others``, as `judged` does."""
+    """Return what fields by place are worth, beside ``others``, as `weighed` does."""
     found = list(noises.beside((Cause.ANY, *others)))
     weights = np.array([one.log_weight for one in found])
     weights = np.exp(weights - weights.max())
@@ -158,11 +158,11 @@ class _Noises:
         deviations = np.sqrt(spectra)[..., None, None]
         self.sums = np.array([products((joined / one)[:count]) for one in deviations])
         self.scores = np.array([products(design * one) for one in deviations])
-        self.log_prior = -0.5 * COMPONENTS * np.log(spectra[:, :count]).sum(axis=1)
-        self.log_prior[1:] -= np.log(len(spectra) - 1)  # white noise is as likely beforehand as all others
+        volumes = -0.5 * COMPONENTS * np.log(spectra[:, :count]).sum(axis=1)
+        self.log_prior = volumes + log_priors(spectra)
 
     def beside(self, causes: tuple[Cause, ...]) -> Iterator[Weighed]:
-        """Yield what a field is worth in each of its variances, and beside each noise, as `judged` does.
+        """Yield what a field is worth in each of its variances, and beside each noise, as `weighed` does.
 
         Of ``causes`` the first is the field's; any other's is as large as it may be.
         """
@@ -170,13 +170,14 @@ class _Noises:
         width, others = len(self.columns[causes[0]]), len(field) - len(self.columns[causes[0]])
         variances = np.array([np.repeat([share, SHARES[-1]], [width, others]) for share in SHARES])
         firsts = len(self.constants) + np.cumsum([0, *(len(self.columns[cause]) for cause in causes[:-1])])
-        for drifts, probability in ((self.drifts[:0], 1 - DRIFT_PROBABILITY), (self.drifts, DRIFT_PROBABILITY)):
+        for drifting in (False, True):
+            drifts = self.drifts if drifting else self.drifts[:0]
             known = (np.zeros(len(self.constants)), self.of_drifts[: len(drifts)])
             precision = np.array([np.concatenate([known[0], 1 / each, known[1]]) for each in variances])
             columns = np.concatenate([self.constants, field, drifts, self.left])
             sums = self.sums[:, :, columns[:, None], columns]
             for found in judge(sums, precision, self.count, self.unlike):
-                log_weight = found.log_weight + self.log_prior[:, None] + np.log(probability)
+                log_weight = found.log_weight + self.log_prior[:, None] + log_prior_of_drift(drifting)
                 covariance = self._covariance(found, causes[0], field, width, variances)
                 sizes = [found.size(first) for first in firsts]
                 for at in np.ndindex(log_weight.shape):
@@ -202,6 +203,6 @@ class _Noises:
         moment = (found.variance[..., None] * variances)[..., None] * np.eye(len(field))
         moment[..., width:, width:] = found.second_moment[..., ends, ends]
         carried = self.carried[:, field]
-        spread = weighted(found.noise, self.scores) + carried @ moment @ carried.T
+        spread = weighted_sums(found.noise, self.scores) + carried @ moment @ carried.T
         spread += np.trace(found.noise, axis1=-2, axis2=-1)[..., None, None] / COMPONENTS * self.known
         return np.asarray(self.bread @ spread @ self.bread)

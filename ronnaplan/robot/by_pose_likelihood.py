@@ -58,7 +58,7 @@ def products(columns: FloatArray) -> FloatArray:
     return np.asarray((each + each.swapaxes(1, 2)) / 2)
 
 
-def weighted(covariance: FloatArray, sums: FloatArray) -> FloatArray:
+def weighted_sums(covariance: FloatArray, sums: FloatArray) -> FloatArray:
     """Return (S, T, q, q): ``sums`` (S, 21, q, q) of products, weighted by ``covariance`` (S, T, 6, 6)."""
     weights = covariance[..., FIRST, SECOND] * TIMES
     return np.asarray((weights @ _flat(sums)).reshape(*weights.shape[:2], *sums.shape[2:]))
@@ -87,7 +87,7 @@ def judge(sums: FloatArray, precision: FloatArray, count: int, unlike: bool) -> 
     last = ROUNDS + (SHAPE_ROUNDS if unlike else 0) - 1
     for done in range(last + 1):
         shape = after
-        summed = weighted(np.asarray(np.linalg.inv(shape)), sums)
+        summed = weighted_sums(np.asarray(np.linalg.inv(shape)), sums)
         normal, score = summed[..., :-1, :-1], summed[..., :-1, -1]
         normal[..., unknowns, unknowns] += precision
         inverse, log_determinant = _inverses(normal)

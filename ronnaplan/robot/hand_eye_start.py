@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import invert, nearest_rotations, rigid
-from ronnaplan.robot import scatter
 from ronnaplan.robot.pivot import FEWEST_FOR_SCATTER
+from ronnaplan.robot.scatter import robust_sd, too_long_for_direction
 from ronnaplan.text import listed, runs
 
 FINEST = (1e-9, 1e-6)
@@ -66,7 +66,7 @@ def far_off(seen: FloatArray, driven: FloatArray) -> NDArray[np.bool_]:
         return np.zeros(len(seen), dtype=bool)
     in_tool = _left(seen, driven)
     in_tracker = in_tool @ seen[:, :3, :3].swapaxes(1, 2)
-    of_each = [scatter.far_off((in_tool[:, n], in_tracker[:, n]), least) for n, least in enumerate(FINEST)]
+    of_each = [too_long_for_direction((in_tool[:, n], in_tracker[:, n]), least) for n, least in enumerate(FINEST)]
     return np.asarray(np.any(of_each, axis=0))
 
 
@@ -98,7 +98,7 @@ def _left(seen: FloatArray, driven: FloatArray) -> FloatArray:
     for _ in range(ROUNDS):
         error: FloatArray = discrepancies(seen, driven, *closed_form(seen, driven, weight)).reshape(-1, 2, 3)
         lengths = np.asarray(np.linalg.norm(error, axis=2))
-        usual = [scatter.usual(one, least) for one, least in zip(lengths.T, FINEST, strict=True)]
+        usual = [robust_sd(one, least) for one, least in zip(lengths.T, FINEST, strict=True)]
         # a length below the usual one counts as that: least squares among those that are right
         before, weight = weight, 1 / np.maximum((lengths / usual).max(axis=1), 1.0)
         if np.abs(weight - before).max() < SETTLED:

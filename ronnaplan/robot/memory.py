@@ -22,7 +22,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.robot import by_pose
 from ronnaplan.robot.by_pose import ByFrequency, Cause, Suspicion
 from ronnaplan.robot.by_pose_likelihood import LEAST_VARIANCE, SHAPE_ROUNDS, of_volume_one
-from ronnaplan.robot.spectra import DRIFT_PROBABILITY, spectra
+from ronnaplan.robot.spectra import log_prior_of_drift, log_priors, spectra
 from ronnaplan.threads import single_threaded_algebra
 
 DRIFT_SDS = 4.0
@@ -54,7 +54,7 @@ class Equations:
     turning: FloatArray | None = None
     """(N, c, s): what noise in other axes, which turn against these, adds; of about unit size."""
     fields: Mapping[Cause, FloatArray] | None = None
-    """What errors that depend on the robot's pose add (`by_pose.fields`), where the components are six."""
+    """What errors that depend on the robot's pose add (`by_pose_fields`), where the components are six."""
 
 
 def least_squares(design: FloatArray, observed: FloatArray, constants: int) -> tuple[FloatArray, FloatArray]:
@@ -117,7 +117,7 @@ def _fields(seen: Sequence[_Frequencies], estimate: FloatArray, count: int) -> l
         left = frame.residual - frame.design[..., frame.constants :] @ estimate[frame.constants :]
         unlike = count >= FEWEST_FOR_SHAPE * frame.residual.shape[1]
         equations = ByFrequency(frame.design, left, frame.known, frame.bread, frame.drifts)
-        fields += by_pose.judged(equations, frame.fields, count, unlike)
+        fields += by_pose.weighed(equations, frame.fields, count, unlike)
     return fields
 
 
@@ -153,7 +153,7 @@ class _Frequencies:
             self.fields = {cause: dct(field, axis=0, norm="ortho") for cause, field in frame.fields.items()}
 
 
-class _Judged(NamedTuple):
+class _Explained(NamedTuple):
     """What M spectra are worth: log weights (M,), variances (M,), normal matrices (M, q, q), solutions (M, q)."""
 
     log_weights: FloatArray
@@ -190,13 +190,10 @@ class _Candidate:
             random = np.hstack([random, self.turning_variances])
             self.fitted = np.concatenate([self.fitted, self.turning], axis=2)
         self.precision = np.hstack([np.zeros((len(random), frame.constants)), 1 / random])
-        # White noise is as likely beforehand as all with a memory.
-        self.log_prior = 0.5 * np.log(1 / random).sum(axis=1) + np.log(
-            DRIFT_PROBABILITY if drifting else 1 - DRIFT_PROBABILITY
-        )
-        self.log_prior[1:] -= np.log(len(random) - 1)
+        volumes = 0.5 * np.log(1 / random).sum(axis=1)
+        self.log_prior = volumes + log_prior_of_drift(drifting) + log_priors(self.spectra)
 
-    def judge(self, shape: FloatArray) -> _Judged:
+    def judge(self, shape: FloatArray) -> _Explained:
         """Return how well every spectrum explains the equations, for components of ``shape`` (c, c)."""
         count, size = self.residual.shape
         joined = np.concatenate([self.fitted, self.residual[..., None]], axis=2)
@@ -211,7 +208,7 @@ class _Candidate:
         misfit = np.maximum(square - (score * solutions).sum(axis=1), freedom * LEAST_VARIANCE)
         volume = size * self.log_volumes + np.linalg.slogdet(normal)[1]
         log_weights = self.log_prior - 0.5 * (freedom * np.log(misfit) + volume)
-        return _Judged(log_weights, misfit / freedom, normal, solutions)
+        return _Explained(log_weights, misfit / freedom, normal, solutions)
 
     def covariance(self, shape: FloatArray, variances: FloatArray) -> FloatArray:
         """Return the estimate's covariance (p, p) under noise of ``shape`` (c, c) and ``variances`` (M,) of spectra.

@@ -18,7 +18,7 @@ from ronnaplan.geometry import FloatArray, rms_mm
 from ronnaplan.pose import as_poses, as_stack, cross_matrix, first_told
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
 from ronnaplan.robot.misread import as_meant
-from ronnaplan.robot.scatter import far_off, too_long, usual
+from ronnaplan.robot.scatter import robust_sd, too_long, too_long_for_direction
 from ronnaplan.text import counted, place, successive
 
 FEWEST_FOR_SCATTER = 10
@@ -113,7 +113,7 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
     design, shift = _equations(matrices)
     rotation, still = design[..., :3], design[..., 3:]
     kept, steady = _without_slips(design, shift)
-    sd_mm = usual(np.linalg.norm(design @ steady - shift, axis=1), SOFTENING_MM)
+    sd_mm = robust_sd(np.linalg.norm(design @ steady - shift, axis=1), SOFTENING_MM)
     levers = cross_matrix(rotation @ (steady[:3] / max(float(np.linalg.norm(steady[:3])), SOFTENING_MM)))
     time = np.linspace(-1, 1, len(matrices))[:, None, None]
     design = np.concatenate([design / sd_mm, time * still, time * levers, time * rotation], axis=2)
@@ -129,7 +129,7 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
         covariance[3:6, 3:6],
         length[which],
         ~kept[which] & ~repeated,
-        usual(length, 0.0),
+        robust_sd(length, 0.0),
         repeated,
     )
     _require_tip(found, matrices)
@@ -195,7 +195,7 @@ def _without_slips(
     """Return which poses (N,) did not slip, and the tip and the pivot (6,) that they tell."""
     kept = np.ones(len(design), dtype=bool)
     solution = _least_lengths(design, shift)
-    for far in (too_long, far_off):  # many slips one way would be taken for the shape of the others
+    for far in (too_long, too_long_for_direction):  # many slips one way would be taken for the shape of the others
         for _ in range(MAXIMUM_ITERATIONS):
             in_tracker = design @ solution - shift
             in_tool = (in_tracker[:, None] @ design[..., :3])[:, 0]

@@ -14,13 +14,13 @@ SLIP_SDS = 6.0
 """What is longer than this many robust standard deviations (per axis) is far off."""
 MAXWELL_MEDIAN = 1.5382
 """Median length of a 3D normal vector of unit standard deviation per axis."""
-FEWEST_FOR_SHAPE = 24
+FEWEST_FOR_DIRECTIONS = 24
 """Of fewer errors their shape is told so badly that it alone would name right ones: lengths in all axes count, too."""
-SHAPE_ROUNDS = 20
+TYLER_ROUNDS = 20
 """So many tell in which directions errors are larger."""
 
 
-def usual(lengths: FloatArray, least: float) -> float:
+def robust_sd(lengths: FloatArray, least: float) -> float:
     """Return the robust standard deviation per axis of errors of such ``lengths`` (N,), ``least`` or more."""
     return max(float(np.median(lengths)) / MAXWELL_MEDIAN, least)
 
@@ -28,10 +28,10 @@ def usual(lengths: FloatArray, least: float) -> float:
 def too_long(errors: Sequence[FloatArray], least: float) -> NDArray[np.bool_]:
     """Return which of the same ``errors``, each (N, 3) in axes of its own, are longer than is usual."""
     length = np.linalg.norm(errors[0], axis=1)
-    return np.asarray(length > SLIP_SDS * usual(length, least))
+    return np.asarray(length > SLIP_SDS * robust_sd(length, least))
 
 
-def far_off(errors: Sequence[FloatArray], least: float) -> NDArray[np.bool_]:
+def too_long_for_direction(errors: Sequence[FloatArray], least: float) -> NDArray[np.bool_]:
     """Return which of the same ``errors``, each (N, 3) in axes of its own, are longer than is usual in their direction.
 
     Where one axis errs most, as a tracker's depth, six deviations of all together are less than three of that one, and
@@ -40,7 +40,7 @@ def far_off(errors: Sequence[FloatArray], least: float) -> NDArray[np.bool_]:
     long = too_long(errors, least)
     shaped = sorted((_alike(one, ~long) for one in errors), key=lambda one: _spread(one[~long]))
     far = [too_long((one,), least) for one in shaped]
-    return far[0] if len(long) >= FEWEST_FOR_SHAPE else np.asarray(np.all([long, *far], axis=0))
+    return far[0] if len(long) >= FEWEST_FOR_DIRECTIONS else np.asarray(np.all([long, *far], axis=0))
 
 
 def _alike(errors: FloatArray, counted: NDArray[np.bool_]) -> FloatArray:
@@ -49,7 +49,7 @@ def _alike(errors: FloatArray, counted: NDArray[np.bool_]) -> FloatArray:
     Their volume stays. That is told by their directions alone (Tyler 1987, Ann. Stat. 15:234), however far they go.
     """
     shape, told = np.eye(3), errors[counted]
-    for _ in range(SHAPE_ROUNDS):
+    for _ in range(TYLER_ROUNDS):
         squares = np.einsum("ni,ij,nj->n", told, np.linalg.inv(shape), told)
         directions = told / np.sqrt(np.maximum(squares, np.finfo(float).tiny))[:, None]
         shape = of_volume_one(directions.T @ directions)

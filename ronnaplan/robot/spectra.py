@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sized
 from functools import lru_cache
 
 import numpy as np
@@ -16,7 +17,7 @@ FILTER_MEMORY = 0.03
 and lasts longer is a steady drift, what wanders beside one is a walk."""
 FILTER_POSES = 10
 """However short a recording is, a filter may remember so many poses: a second or less, as trackers report them."""
-DRIFT_PROBABILITY = 0.1
+DRIFT_PRIOR = 0.1
 """Steady drifts are the rarer thing: a walk's first half-wave looks like one, and a walk's level errs far more."""
 FIELD_MEMORIES = 3
 """So many memories, from one pose to those of a filter, are tried beside a field of errors by the robot's pose."""
@@ -46,6 +47,18 @@ def beside_a_field(count: int) -> list[FloatArray]:
     """Return the variances (count,) of what may lie beside a field of errors, of mean one; white noise first."""
     memories = np.geomspace(1.0, FILTER_POSES, FIELD_MEMORIES)
     return [np.ones(count), *(_remembering(memory, 1, count) for memory in memories)]
+
+
+def log_priors(family: Sized) -> FloatArray:
+    """Return how likely each of a ``family`` of M is beforehand (M,): white noise, the first, as all with a memory."""
+    priors = np.zeros(len(family))
+    priors[1:] -= np.log(len(family) - 1)
+    return priors
+
+
+def log_prior_of_drift(drifting: bool) -> float:
+    """Return how likely a steady drift is beforehand, or that there is none."""
+    return float(np.log(DRIFT_PRIOR if drifting else 1 - DRIFT_PRIOR))
 
 
 def _remembering(memory: float, order: int, count: int) -> FloatArray:

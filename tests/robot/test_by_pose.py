@@ -235,13 +235,13 @@ def test_an_arm_that_sags_is_told_and_counted(cases: int) -> None:
 def test_hand_eye_keeps_no_other_core_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
     threads: list[int] = []
     libraries = ThreadpoolController()
-    fields = by_pose.judged
+    fields = by_pose.weighed
 
-    def judged(*told: Any) -> Any:
+    def weighed(*told: Any) -> Any:
         threads.extend(one["num_threads"] for one in libraries.select(user_api="blas").info())
         return fields(*told)
 
-    monkeypatch.setattr(by_pose, "judged", judged)
+    monkeypatch.setattr(by_pose, "weighed", weighed)
     with libraries.limit(limits=2, user_api="blas"):
         calibrate_hand_eye(*recorded(np.random.default_rng(0), 12)[:2])
     assert set(threads) == {1}
