@@ -19,9 +19,9 @@ from ronnaplan.errors import InputError, RefusedError, check_type
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import Pose, adjoint, as_poses, carried, first_told, invert, point_jacobian
 from ronnaplan.robot.by_pose import Cause, Suspicion
-from ronnaplan.robot.by_pose_fields import apart, fields, shows_scale
+from ronnaplan.robot.by_pose_fields import fields, shows_scale
 from ronnaplan.robot.chain import OTS, TCP, M, R
-from ronnaplan.robot.hand_eye_fit import CONSTANTS, IN_TOOL, IN_TRACKER, Fit, design_of, motion, refine, turned
+from ronnaplan.robot.hand_eye_fit import CONSTANTS, IN_TOOL, IN_TRACKER, Fit, design_of, refine, turned
 from ronnaplan.robot.hand_eye_found import HandEye
 from ronnaplan.robot.hand_eye_late import Late, Matched, how_late
 from ronnaplan.robot.hand_eye_refused import agree, contradiction, rms
@@ -29,6 +29,7 @@ from ronnaplan.robot.hand_eye_start import closed_form, discrepancies, far_off, 
 from ronnaplan.robot.hand_eye_step import step_in
 from ronnaplan.robot.memory import Equations, least_squares_covariance
 from ronnaplan.robot.pivot import LONGEST_TOOL_MM
+from ronnaplan.robot.twists import apart, motion
 
 FEWEST_POSES = 4
 """Three poses tell both unknowns, and next to nothing of their errors."""
@@ -72,9 +73,9 @@ def calibrate_hand_eye(
     far[then.rows] = far_off(then.seen, then.driven)
     start = closed_form(then.seen, then.driven) if late else (left, right)
     step = step_in(discrepancies(then.seen, then.driven, *start), design_of(then.seen, start[1], np.ones(6)))
-    step = step and step._replace(first=int(then.rows[step.first]))
+    step = step and step.among(then.rows)
     if not agree(fit.error):
-        raise RefusedError(contradiction(fit.error, seen, driven, far, step, late, numbers))
+        raise RefusedError(contradiction(fit.error, at_once, far, step, late))
     found = _found(fit, then, late)
     away_mm = float(np.linalg.norm(found.m_from_tcp.translation_mm))
     if away_mm > LONGEST_TOOL_MM:
@@ -83,7 +84,7 @@ def calibrate_hand_eye(
             "tracker from tool and robot from TCP, and not both the other way round"
         )
     one_apart = out_of_step(seen, driven, left, right)
-    step = None if one_apart or step is None else step._replace(first=int(told[step.first]))
+    step = None if one_apart or step is None else step.among(told)
     return replace(found, far=tuple(map(int, told[far])), out_of_step=one_apart, step=step, repeated=repeated)
 
 
@@ -156,9 +157,8 @@ def _found(fit: Fit, then: Matched, late: Late | None) -> HandEye:
     ots_from_m = invert(near.left) @ robot_from_m
     suspected = fields(ots_from_m, robot_from_m, driven, near.sds, frames)
     if late is not None:
-        backs = zip(invert(np.array(near[:2])), invert(np.array(fit[:2])), strict=True)
-        off = -np.concatenate([adjoint(back) @ apart(then, back) for then, back in backs])  # as errors are stated
-        moved = suspected.added[Cause.DELAY][..., 0] * (late.frames / suspected.delay)
+        off = -np.concatenate([_increment(near.left, fit.left), _increment(near.right, fit.right)])
+        moved = suspected.added[Cause.DELAY][..., 0] * (late.delay / suspected.delay)
         near = near._replace(residual=near.residual + near.design[..., :CONSTANTS] @ off + moved)
     covariance, suspicion = _covariance(near, seen, suspected.added)
     if not shows_scale(seen, ots_from_m, near.design[..., :CONSTANTS], near.sds[3]):
@@ -173,6 +173,12 @@ def _found(fit: Fit, then: Matched, late: Late | None) -> HandEye:
         float(np.sqrt(((fit.error @ point_jacobian(right[:3, 3]).T) ** 2).sum(axis=1).mean())),
         suspected.in_units(suspicion),
     )
+
+
+def _increment(pose: FloatArray, other: FloatArray) -> FloatArray:
+    """Return the right-hand increment (6,) from a ``pose`` (4, 4) to the ``other``, as errors are stated."""
+    back = invert(other)
+    return adjoint(back) @ apart(invert(pose), back)
 
 
 def _covariance(fit: Fit, seen: FloatArray, of_fields: dict[Cause, FloatArray]) -> tuple[FloatArray, Suspicion]:

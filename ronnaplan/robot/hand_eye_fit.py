@@ -7,9 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import adjoint, cross_matrix, exponential, invert, rigid
+from ronnaplan.pose import adjoint, cross_matrix, invert
 from ronnaplan.robot.hand_eye_start import FINEST, discrepancies
 from ronnaplan.robot.memory import least_squares
+from ronnaplan.robot.twists import motion
 
 STARTING_SDS = (1e-3, 1.0)
 """Errors of rotation, in rad, and translation, in mm, that the first step is weighed by."""
@@ -54,11 +55,6 @@ def refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatA
     missing = np.sqrt(1 - (np.repeat(spread, 3) / sds) ** 2)
     residual += missing * np.random.default_rng(0).normal(size=residual.shape)
     return Fit(left, right, sds, design, residual, step, error)
-
-
-def motion(twist: FloatArray) -> FloatArray:
-    """Return the motion (4, 4) by a rotation vector in rad and a translation in mm (6,)."""
-    return rigid(exponential(twist[:3]), twist[3:])
 
 
 def design_of(seen: FloatArray, right: FloatArray, sds: FloatArray) -> FloatArray:

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import invert
-from ronnaplan.robot.by_pose_fields import earlier, moving, within
+from ronnaplan.robot.between_frames import earlier, moving, within
 from ronnaplan.robot.hand_eye_fit import Fit, refine
-from ronnaplan.robot.hand_eye_start import FEWEST_TO_SHIFT, MUCH_BETTER
+from ronnaplan.robot.hand_eye_start import FEWEST_TO_SHIFT, MUCH_BETTER, rms_per_axis
 
 LATE_ROUNDS = 6
 """So often, at most, it is told how late poses are: 2 frames of a slow way are first taken for 1.74."""
@@ -28,9 +28,10 @@ class Matched(NamedTuple):
 
 
 class Late(NamedTuple):
-    """The tracker's poses are so many ``frames`` late, or the robot's if these are negative."""
+    """The tracker's poses are late, or the robot's."""
 
-    frames: float
+    delay: float
+    """Of the tracker's, in frames; negative where the robot's are late."""
     poses: Matched
     """The robot's are of so much earlier."""
     fit: Fit
@@ -43,29 +44,29 @@ def how_late(fit: Fit, poses: Matched) -> Late | None:
     It is told to first order about that fit, and then about the fit with the robot's poses of so much earlier, until no
     more is told; None, too, where that does not settle.
     """
-    late, near, then = 0.0, fit, poses
+    delay, near, then = 0.0, fit, poses
     for _ in range(LATE_ROUNDS):
         if len(then.rows) < FEWEST_TO_SHIFT:
             return None
         more = _later(near, then)
         if more is None:
-            return Late(late, then, near) if late else None
-        late += more
-        then = _matched(poses, late)
+            return Late(delay, then, near) if delay else None
+        delay += more
+        then = _matched(poses, delay)
         near = refine(then.seen, then.driven, fit.left, fit.right)
     return None
 
 
-def _matched(poses: Matched, late: float) -> Matched:
+def _matched(poses: Matched, delay: float) -> Matched:
     """Return all ``poses`` with the robot's of so much earlier as the tracker's are late, where they were recorded."""
-    rows = within(poses.frames, late)
-    driven = earlier(poses.driven, late, poses.frames)
+    rows = within(poses.frames, delay)
+    driven = earlier(poses.driven, delay, poses.frames)
     return Matched(poses.seen[rows], driven[rows], [poses.frames[row] for row in rows], rows)
 
 
-def told_late(frames: float) -> str:
-    """Say whose poses are late where the tracker's are by so many ``frames``."""
-    return f"{'the tracker' if frames > 0 else 'the robot'}'s poses are {abs(frames):.3f} frames late"
+def told_late(delay: float) -> str:
+    """Say whose poses are late where the tracker's are by a ``delay`` in frames."""
+    return f"{'the tracker' if delay > 0 else 'the robot'}'s poses are {abs(delay):.3f} frames late"
 
 
 def _later(fit: Fit, poses: Matched) -> float | None:
@@ -74,7 +75,7 @@ def _later(fit: Fit, poses: Matched) -> float | None:
     All else that is sought changes with it, which of a few poses leaves little of any.
     """
     error, design = fit.error, fit.design * fit.sds[:, None]
-    sds = np.repeat(np.sqrt((error.reshape(-1, 2, 3) ** 2).mean(axis=(0, 2))), 3)
+    sds = rms_per_axis(error)
     late, unit = moving(poses.driven @ invert(fit.right), sds, poses.frames)
     columns = np.concatenate([design / sds[:, None], late], axis=2).reshape(error.size, -1)
     solution = np.linalg.lstsq(columns, (error / sds).ravel(), rcond=None)[0]

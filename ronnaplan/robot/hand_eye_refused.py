@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.hand_eye_late import Late, told_late
+from ronnaplan.robot.hand_eye_late import Late, Matched, told_late
 from ronnaplan.robot.hand_eye_start import closed_form, discrepancies, which_are_far
 from ronnaplan.robot.hand_eye_step import Step
 from ronnaplan.robot.misread import mistake_in
@@ -33,7 +31,7 @@ def rms(error: FloatArray) -> tuple[float, float]:
     return float(np.degrees(angle)), float(length)
 
 
-def explains(late: Late, error: FloatArray) -> bool:
+def _explains(late: Late, error: FloatArray) -> bool:
     """Tell whether poses of which ``error`` (N, 6) is left would agree if they were not ``late``."""
     left = late.fit.error
     return agree(left) and bool(np.less(np.divide(rms(left), rms(error)), LEFT_BY_A_DELAY).all())
@@ -45,27 +43,22 @@ def _belong_together(seen: FloatArray, driven: FloatArray) -> bool:
 
 
 def contradiction(
-    error: FloatArray,
-    seen: FloatArray,
-    driven: FloatArray,
-    far: NDArray[np.bool_],
-    step: Step | None,
-    late: Late | None,
-    frames: Sequence[int],
+    error: FloatArray, poses: Matched, far: NDArray[np.bool_], step: Step | None, late: Late | None
 ) -> str:
-    """Say by how much poses (N, 4, 4) contradict each other, and which of ``frames`` do if without these none does.
+    """Say by how much ``poses`` contradict each other, and which of their frames do if without these none does.
 
-    ``error`` (N, 6) is left of them, and the tracker's may be ``late``.
+    ``error`` (N, 6) is left of them, some may be ``far`` off (N,), a ``step`` be in them, the tracker's be ``late``.
     """
+    seen, driven, frames, _ = poses
     rotation_deg, translation_mm = rms(error)
     said = (
         f"the poses of robot and tracker contradict each other by {rotation_deg:.2f} degrees and "
         f"{translation_mm:.2f} mm RMS, expected at most {LARGEST_ROTATION_DEG:g} and "
         f"{LARGEST_TRANSLATION_MM:g}"
     )
-    if late and explains(late, error):
+    if late and _explains(late, error):
         advice = "record both at the same moments, or stand still for each"
-        return f"{said}, but would agree if {told_late(late.frames)}: {advice}"
+        return f"{said}, but would agree if {told_late(late.delay)}: {advice}"
     if far.any() and _belong_together(seen[~far], driven[~far]):
         which, advice = which_are_far(frames, np.flatnonzero(far).tolist())
         return f"{said}: {which}; {advice}"

@@ -16,6 +16,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import invert, nearest_rotations, rigid
 from ronnaplan.robot.pivot import FEWEST_FOR_SCATTER
 from ronnaplan.robot.scatter import robust_sd, too_long_for_direction
+from ronnaplan.robot.twists import apart
 from ronnaplan.text import listed, runs
 
 FINEST = (1e-9, 1e-6)
@@ -51,10 +52,12 @@ def closed_form(
 
 def discrepancies(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> FloatArray:
     """Return (N, 6): rotation vectors and places that R from OTS ``left`` and M from TCP ``right`` leave at M."""
-    from scipy.spatial.transform import Rotation
+    return apart(seen, invert(left) @ driven @ invert(right))
 
-    off = invert(seen) @ (invert(left) @ driven @ invert(right))
-    return np.concatenate([Rotation.from_matrix(off[:, :3, :3]).as_rotvec(), off[:, :3, 3]], axis=1)
+
+def rms_per_axis(error: FloatArray) -> FloatArray:
+    """Return (6,): the RMS per axis of an ``error`` (N, 6), that of rotations thrice, then that of places."""
+    return np.asarray(np.repeat(np.sqrt((error.reshape(-1, 2, 3) ** 2).mean(axis=(0, 2))), 3))
 
 
 def far_off(seen: FloatArray, driven: FloatArray) -> NDArray[np.bool_]:
@@ -88,8 +91,8 @@ def out_of_step(seen: FloatArray, driven: FloatArray, left: FloatArray, right: F
     if len(seen) < FEWEST_TO_SHIFT:
         return False
     shifted = ((seen[1:], driven[:-1]), (seen[:-1], driven[1:]))
-    apart = (_angle_left(a, b, *closed_form(a, b)) for a, b in shifted)
-    return min(apart) < MUCH_BETTER * _angle_left(seen, driven, left, right)
+    left_by_others = (_angle_left(a, b, *closed_form(a, b)) for a, b in shifted)
+    return min(left_by_others) < MUCH_BETTER * _angle_left(seen, driven, left, right)
 
 
 def _left(seen: FloatArray, driven: FloatArray) -> FloatArray:

@@ -11,9 +11,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.hand_eye_start import FINEST
+from ronnaplan.robot.hand_eye_start import FINEST, rms_per_axis
 
 FEWEST_FOR_A_STEP = 20
 """Of fewer a step, which has six unknowns, leaves little of any noise."""
@@ -48,6 +49,10 @@ class Step(NamedTuple):
             said = "robot and tracker stand otherwise to each other than before, as if base or tracker were moved"
         return f"from frame {frames[self.first]} on {said}; fasten what is loose, and record anew"
 
+    def among(self, rows: NDArray[np.intp]) -> Step:
+        """Return it in the poses of which those that it was told of are ``rows`` (N,)."""
+        return self._replace(first=int(rows[self.first]))
+
     def parts(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return ``poses`` (N, ...) before it, and those from it on."""
         return poses[: self.first], poses[self.first :]
@@ -72,7 +77,7 @@ def step_in(error: FloatArray, design: FloatArray) -> Step | None:
         stepped, still, drifting = (
             _left(observed, one) for one in (np.concatenate([constants, later], axis=2), constants, columns)
         )
-        before, sds = sds * _per_kind(still), sds * _per_kind(stepped)
+        before, sds = sds * rms_per_axis(still), sds * rms_per_axis(stepped)
     if (sds < LEFT_BY_A_STEP * before).any() and (stepped**2).sum() < (drifting**2).sum():
         return Step(first, of_tool if sure else None)
     return None
@@ -105,8 +110,3 @@ def _left(observed: FloatArray, design: FloatArray) -> FloatArray:
     solution = np.linalg.lstsq(flat, observed.ravel(), rcond=None)[0]
     left: FloatArray = observed - design @ solution
     return left
-
-
-def _per_kind(error: FloatArray) -> FloatArray:
-    """Return (6,): the RMS of angles and of places."""
-    return np.asarray(np.repeat(np.sqrt((error.reshape(-1, 2, 3) ** 2).mean(axis=(0, 2))), 3))

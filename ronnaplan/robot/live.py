@@ -15,12 +15,13 @@ from enum import StrEnum
 import numpy as np
 
 from ronnaplan.errors import InputError, RefusedError
-from ronnaplan.geometry import FloatArray, Points
+from ronnaplan.geometry import Points
 from ronnaplan.pose import Pose, adjoint, carried, invert
 from ronnaplan.registration import Drift, DriftStatus, check_drift, register_points
 from ronnaplan.registration.drift import DRIFT_PROBABILITY
 from ronnaplan.robot.chain import OTS, Capture, robot_from_ct
 from ronnaplan.robot.recorded import resting_matrix, robot_pose, seen_tool, tool_poses
+from ronnaplan.robot.twists import twist
 from ronnaplan.sigmas import SIGMA_OTS_MM, SIGMA_ROBOT_DEG, SIGMA_ROBOT_MM
 from ronnaplan.text import listed
 from ronnaplan.tracking import PointReading, Recording, ToolReading
@@ -193,7 +194,7 @@ class LiveChain:
         pose = Pose(matrix, covariance, OTS, OTS)
         place = then.ots_from_m.translation_mm
         shift = float(np.linalg.norm(pose.apply(place[None])[0] - place))
-        return Movement(pose, _chance_of_rest(pose), shift, float(np.degrees(np.linalg.norm(_vector(matrix)[:3]))))
+        return Movement(pose, _chance_of_rest(pose), shift, float(np.degrees(np.linalg.norm(twist(matrix)[:3]))))
 
     def _status(self, head: Drift, robot: Movement, seen: Points) -> LiveStatus:
         if head.status is DriftStatus.MARKER_MOVED:
@@ -239,16 +240,9 @@ def _mostly_said(readings: Sequence[PointReading | ToolReading]) -> str:
     return f"; {said[0][1]} readings say '{said[0][0]}'" if said else ""
 
 
-def _vector(matrix: FloatArray) -> FloatArray:
-    """Return the rotation vector (rad) and the translation (mm) of a small movement (4, 4): (6,)."""
-    from scipy.spatial.transform import Rotation
-
-    return np.concatenate([Rotation.from_matrix(matrix[:3, :3]).as_rotvec(), matrix[:3, 3]])
-
-
 def _chance_of_rest(motion: Pose) -> float:
     """Return how likely errors as stated make rest look like ``motion``, to first order: chi-square of six."""
     from scipy.special import gammaincc
 
-    vector = _vector(motion.matrix)
+    vector = twist(motion.matrix)
     return float(gammaincc(3.0, vector @ np.linalg.solve(motion.covariance, vector) / 2))

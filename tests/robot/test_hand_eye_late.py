@@ -6,7 +6,6 @@ from scipy.spatial.transform import Rotation
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.pose import invert
-from ronnaplan.robot.by_pose_fields import moving
 from ronnaplan.robot.hand_eye import calibrate_hand_eye
 from tests.long import few_and_others
 from tests.robot.test_by_pose import HOME, RANGE, flange, normalized
@@ -77,15 +76,6 @@ def test_two_frames_of_delay_are_told_anew_about_what_fits_then(seed: int, speed
     assert abs(found.by_pose.delay - 2.0) < 4 * found.by_pose.delay_sd < 0.03
     assert normalized(found.m_from_tcp, m_from_tcp) < 3
     assert not found.far
-
-
-def test_frames_numbered_by_times_tell_the_same_however_long_ago_time_began() -> None:
-    """From 2^53 on successive numbers became one, and all was NaN or ended in a traceback."""
-    driven = along(1, 22, 0.1)[1]
-    (added, unit), (of_late, unit_of_late) = (
-        moving(driven, np.ones(6), range(first, first + 22)) for first in (0, 2**60)
-    )
-    assert (unit, added.tolist()) == (unit_of_late, of_late.tolist())
 
 
 def test_poses_that_contradict_each_other_as_the_tracker_is_late_are_refused_as_that() -> None:
