@@ -12,12 +12,7 @@ from ronnaplan.cli.robot_options import other_tool, with_robot_sigmas, with_sigm
 from ronnaplan.cli.values import whole
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from ronnaplan.documents.chain import ChainDocument
-    from ronnaplan.geometry import FloatArray
-    from ronnaplan.pose import Pose
-    from ronnaplan.robot.chain import Capture
     from ronnaplan.tracking import Recording
 
 HELP = "Join the links from scan to robot, by the tracker or by re-localized markers, with covariance."
@@ -25,12 +20,6 @@ BY_TRACKER = ("registration", "hand_eye", "tracker", "geometry", "robot")
 BY_STEREO = ("fiducials", "spheres")
 OF_TRACKER = ("frame", "tool", "sigma_geometry", "sigma_ots", "sigma_robot", "sigma_robot_deg")
 OF_STEREO = ("expected", "sigma_ct")
-ELSEWHERE_MM, ELSEWHERE_DEG = 3.0, 1.0
-"""Robot and tracker that have not been moved come nearer than this to where the tool's calibration had them."""
-FAR = 10.0
-"""So many times as far off nothing comes back there by chance where poses are read in another way."""
-OTHER_UNITS_MM = {"cm": 10.0, "inches": 25.4, "tenths of a mm": 0.1}
-"""Units in which a recording's places are not seen to be no mm; of metres they are."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -93,6 +82,7 @@ def _by_tracker(arguments: argparse.Namespace) -> ChainDocument:
     from ronnaplan.documents.tool import read_hand_eye
     from ronnaplan.errors import InputError
     from ronnaplan.robot.chain import Capture, M
+    from ronnaplan.robot.elsewhere import elsewhere
     from ronnaplan.robot.hand_eye import SAME_POSES
     from ronnaplan.robot.recorded import MovedError, resting_matrix, robot_pose, robots_poses, seen_tool, uncounted
     from ronnaplan.tracking import read_recording
@@ -119,62 +109,9 @@ def _by_tracker(arguments: argparse.Namespace) -> ChainDocument:
     notes = (*registration.doubts, *registration.notes, *hand_eye.notes, *tracker.notes, *robot.notes)
     notes += (*uncounted(tracker, tool), *uncounted(robot))
     notes += other_tool(hand_eye.tool, tool or next(iter(tracker.tool_names), None))
-    notes += _elsewhere(capture, hand_eye.base_pose)
+    notes += elsewhere(capture, hand_eye.base_pose)
     middle = np.array([pair.center for pair in registration.pairs]).mean(axis=0)
     return tracked_chain(registration.pose, capture, registration.source, middle, notes)
-
-
-def _elsewhere(capture: Capture, base: Pose) -> tuple[str, ...]:
-    """Say that robot and tracker do not stand to each other as they did when the tool was calibrated.
-
-    Raises `RefusedError` where a mistake in the poses explains it.
-    """
-    from dataclasses import replace
-
-    from ronnaplan.errors import RefusedError
-    from ronnaplan.robot.misread import mistake_in
-
-    def stand(tracker: FloatArray, robot: FloatArray) -> bool:
-        seen = replace(capture.ots_from_m, matrix=tracker[0])
-        driven = replace(capture.robot_from_tcp, matrix=robot[0])
-        shift_mm, turn_deg = replace(capture, ots_from_m=seen, robot_from_tcp=driven).moved_since(base)
-        return shift_mm < ELSEWHERE_MM and turn_deg < ELSEWHERE_DEG
-
-    tracker, robot = capture.ots_from_m.matrix[None], capture.robot_from_tcp.matrix[None]
-    if stand(tracker, robot):
-        return ()
-    shift_mm, turn_deg = capture.moved_since(base)
-    said = (
-        f"robot and tracker stand {shift_mm:.0f} mm and {turn_deg:.1f} degrees otherwise to each other than in the "
-        "hand-eye calibration"
-    )
-    far = shift_mm > FAR * ELSEWHERE_MM or turn_deg > FAR * ELSEWHERE_DEG
-    if far and (misread := mistake_in(tracker, robot, stand)):
-        raise RefusedError(f"{said}, and as in it if {misread}; turn them into matrices, or a quaternion, anew")
-    if far and (unit := _other_unit(tracker, robot, stand)):
-        raise RefusedError(f"{said}, and as in it if {unit}; give all in mm")
-    if far and stand(robot, tracker):
-        raise RefusedError(
-            f"{said}, and as in it if the tracker's and the robot's poses change places, here or in that calibration; "
-            "give each recording where it belongs, to `robot hand-eye`, too"
-        )
-    return (f"{said}: if neither was moved since, recordings are mixed up or not in mm",)
-
-
-def _other_unit(tracker: FloatArray, robot: FloatArray, stand: Callable[[FloatArray, FloatArray], bool]) -> str:
-    """Say in which unit places (N, 4, 4) would be as in the calibration; empty where they are in none."""
-    from ronnaplan.pose import rigid
-
-    for unit, length_mm in OTHER_UNITS_MM.items():
-        seen, driven = (rigid(one[:, :3, :3], one[:, :3, 3] * length_mm) for one in (tracker, robot))
-        for whose, poses in (
-            ("the tracker's places are", (seen, robot)),
-            ("the robot's places are", (tracker, driven)),
-            ("the places of both are", (seen, driven)),
-        ):
-            if stand(*poses):
-                return f"{whose} in {unit}"
-    return ""
 
 
 def _by_stereo(arguments: argparse.Namespace) -> ChainDocument:

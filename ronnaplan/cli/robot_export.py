@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.chain import read_chain
     from ronnaplan.documents.files import require_ending, write_result
     from ronnaplan.documents.plan import read_plan
-    from ronnaplan.documents.robot_points import KRL_LIST, NOTICE, export_points
+    from ronnaplan.documents.robot_points import KRL_LIST, POINTS_NOTICE, export_points
     from ronnaplan.robot.trajectories import robot_trajectory
 
     _check(arguments)
@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
     for one in trajectories:
         entry, target = one.expected_errors_mm
         tell(f"{one.name}: expected error {entry:.3f} mm RMS at the entry, {target:.3f} at the target")
-    tell(NOTICE)
+    tell(POINTS_NOTICE)
     return 0
 
 

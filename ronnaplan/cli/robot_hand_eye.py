@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     tell(
         f"M from TCP of {counted} poses, which are off by {found.rotation_rms_deg:.3f} degrees and "
         f"{found.translation_rms_mm:.3f} mm RMS",
-        worth("its error at the TCP", found.m_from_tcp.point_covariances([found.m_from_tcp.translation_mm * 0])),
+        worth("its error at the TCP", found.m_from_tcp.point_covariances([[0.0, 0.0, 0.0]])),
     )
     if pivot is not None:
         try:

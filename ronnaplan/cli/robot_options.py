@@ -131,9 +131,6 @@ def other_tool(calibrated: str, seen: str | None) -> tuple[str, ...]:
 
 def worth(what: str, covariances: FloatArray) -> str:
     """Say the error of the first of ``covariances`` (N, 3, 3)."""
-    return f"{what}: {rms(covariances[0]):.4f} mm RMS"
+    from ronnaplan.geometry import rms_mm
 
-
-def rms(covariance: FloatArray) -> float:
-    """Return the root-mean-square error (mm) of a place of ``covariance`` (3, 3)."""
-    return float(sum(covariance[axis, axis] for axis in range(3)) ** 0.5)
+    return f"{what}: {rms_mm(covariances[0]):.4f} mm RMS"

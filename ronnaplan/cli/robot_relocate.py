@@ -8,7 +8,6 @@ from ronnaplan.cli.output import tell, warn
 from ronnaplan.cli.robot_options import (
     degrees,
     read_looks,
-    rms,
     size_mm,
     with_largest_error,
     with_output,
@@ -44,6 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Find each look's marker in R."""
     from ronnaplan.documents.revision import write_document
     from ronnaplan.documents.rig import read_rig, read_spheres, spheres_document
+    from ronnaplan.geometry import rms_mm
     from ronnaplan.robot.recorded import robot_pose
     from ronnaplan.robot.stereo.markers import relocate
 
@@ -65,5 +65,5 @@ def run(arguments: argparse.Namespace) -> int:
     for label, (x, y, z), covariance in zip(
         points.labels, points.positions_mm, points.covariances_mm2, strict=True
     ):
-        tell(f"{label:<6} {x:10.3f} {y:10.3f} {z:10.3f}  {rms(covariance):.4f} mm RMS")
+        tell(f"{label:<6} {x:10.3f} {y:10.3f} {z:10.3f}  {rms_mm(covariance):.4f} mm RMS")
     return 0

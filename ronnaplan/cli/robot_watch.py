@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ronnaplan.cli import GIVEN
 from ronnaplan.cli.case_options import with_server, with_sigma_ots
 from ronnaplan.cli.output import ended_gently, tell, warn
-from ronnaplan.cli.robot_options import rms, with_output, with_robot_sigmas, with_sigma_geometry, with_tool
+from ronnaplan.cli.robot_options import with_output, with_robot_sigmas, with_sigma_geometry, with_tool
 from ronnaplan.cli.values import seconds, wait
 
 if TYPE_CHECKING:
@@ -133,8 +133,7 @@ def _live(arguments: argparse.Namespace, chain: ChainDocument) -> LiveChain:
 
 def _sentence(moment: Moment, chain: ChainDocument) -> str:
     """Say what a moment tells, and how far what moved went."""
-    import numpy as np
-
+    from ronnaplan.geometry import rms_mm
     from ronnaplan.registration import DriftStatus
 
     told = [f"{moment.status}"]
@@ -145,8 +144,8 @@ def _sentence(moment: Moment, chain: ChainDocument) -> str:
     if moment.robot is not None and moment.robot.moved:
         told.append(f"robot: {moment.robot.shift_mm:.2f} mm, {moment.robot.rotation_deg:.2f} degrees")
     if moment.robot_from_ct is not None:
-        spread = moment.robot_from_ct.point_covariances(np.array([chain.middle]))[0]
-        told.append(f"expected error {rms(spread):.3f} mm RMS at the markers' middle")
+        spread = moment.robot_from_ct.point_covariances([chain.middle])[0]
+        told.append(f"expected error {rms_mm(spread):.3f} mm RMS at the markers' middle")
     return "; ".join(told)
 
 

@@ -33,7 +33,7 @@ from ronnaplan.text import listed
 if TYPE_CHECKING:
     from ronnaplan.documents.placement import PlacementDocument
 
-NOTICE = "Research use only, not a medical device. Check every point before the robot moves."
+POINTS_NOTICE = "Research use only, not a medical device. Check every point before the robot moves."
 CSV_HEADER = (
     *("trajectory", "point", "x_mm", "y_mm", "z_mm", "q0", "qx", "qy", "qz"),
     *("expected_error_mm", "sd_x_mm", "sd_y_mm", "sd_z_mm", "notice"),
@@ -134,7 +134,7 @@ def _document(
     return made(
         RobotPointsDocument,
         {
-            "notice": NOTICE,
+            "notice": POINTS_NOTICE,
             "way": chain.way,
             "source": chain.source.model_dump(),
             "trajectories": [
