@@ -19,12 +19,12 @@ from benchmarks.collisions import Peer
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.arm.forward import link_frames
 from ronnaplan.robot.arm.kuka import kr6_r900
-from ronnaplan.robot.placement.clearances import place_trolley, posture_margins
+from ronnaplan.robot.placement.clearances import posture_margins, standing_on
 from ronnaplan.robot.placement.job import Job
 from ronnaplan.robot.placement.parking import probability
 from ronnaplan.robot.placement.placement import CLOSER, COARSE, FINE, find_places
-from ronnaplan.robot.placement.room import Floor, Parking
-from ronnaplan.robot.placement.search import Problem, base_pose, refine, serves, worths
+from ronnaplan.robot.placement.room import Floor, Parking, base_place, base_pose
+from ronnaplan.robot.placement.search import Problem, refine, serves, worths
 from ronnaplan.robot.placement.serving import serve
 from tests.robot.placement.cases import CENTER_MM, job, room
 
@@ -95,7 +95,7 @@ def one_case(seed: int, wanted: int, tries: int, draws: int) -> Case:
         print(f"case {seed}: {processor:.1f} s of processor; none: {blocked}", flush=True)
         return Case(processor, random=len(bases))
     best = found.places[0]
-    there = np.array([*best.room_from_r[:3, 3], np.degrees(np.arctan2(*best.room_from_r[1::-1, 0]))])
+    there = base_place(best.room_from_r)
     worth = float(worths(coarse, there[None])[0])
     random = worths(coarse, bases)
     thumb = thumb_bases()
@@ -224,16 +224,12 @@ def collisions(count: int, seed: int) -> str:
     bases[:, :2] *= 0.6
     links = link_frames(arm, angles)
     peer = Peer(given, problem)
-    frames, bodies = np.empty((7, 4, 4)), np.empty((len(problem.machine.links) + 1, 7))
-    pair, missed, hit, needless = np.zeros(2, dtype=np.int64), 0, 0, 0
+    missed, hit, needless = 0, 0, 0
     world = problem.world._replace(needs=np.array([0.0, 0.0, -1e9, 0.0]))
     for one, place, of_links in zip(angles, bases, links, strict=True):
         base = base_pose(place)
-        frames[0] = base
-        trolley = place_trolley(problem.machine, base)
-        near, _ = posture_margins(
-            problem.machine, world, trolley, problem.ways.instruments[0], one, frames, bodies, pair, np.inf, False
-        )
+        standing, instrument = standing_on(problem.machine, base), problem.ways.instruments[0]
+        near, _ = posture_margins(problem.machine, world, standing, instrument, one, np.inf, False)
         touching = peer.touches(base @ of_links, base)
         hit += touching
         missed += touching and near > 0.0

@@ -152,7 +152,7 @@ def _found(arguments: argparse.Namespace, job: Job, chain: ChainDocument | None)
     import numpy as np
 
     from ronnaplan.robot.placement.placement import check_parked, find_places
-    from ronnaplan.robot.placement.search import base_pose
+    from ronnaplan.robot.placement.room import base_pose
 
     if chain is not None:
         return check_parked(job, job.base_of(chain.pose))

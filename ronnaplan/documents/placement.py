@@ -33,6 +33,7 @@ from ronnaplan.documents.room import MOST_THINGS, BoxEntry, CapsuleEntry
 from ronnaplan.geometry import Frame
 from ronnaplan.planning import Trajectory
 from ronnaplan.pose import as_pose
+from ronnaplan.robot.placement.room import base_place
 
 ACROSS = 1e-6
 """Largest cosine between a trajectory and a direction across it: round-off of what is written."""
@@ -275,9 +276,7 @@ def placement_text(document: PlacementDocument) -> str:
     """Return what a person should know of a placement, some lines."""
     lines = [document.arm_text]
     for number, place in enumerate(document.robot_from_ct, 1):
-        pose = np.array(place.room_from_r)
-        turn = np.degrees(np.arctan2(pose[1, 0], pose[0, 0]))
-        x, y, z = pose[:3, 3]
+        x, y, z, turn = base_place(np.array(place.room_from_r))
         what = "here" if document.status == "parked" else f"place {number}"
         sure = (
             ""

@@ -17,8 +17,9 @@ from ronnaplan.robot.arm.forward import forward, link_frames
 from ronnaplan.robot.arm.wrist import center_mm, shoulder_mm, stretched_mm, wrist_of
 from ronnaplan.robot.placement.machine import bodies_of
 from ronnaplan.robot.placement.placement import Place, Placement
-from ronnaplan.robot.placement.room import Box, Room, Tool
+from ronnaplan.robot.placement.room import Box, Room, Tool, base_place
 from ronnaplan.robot.placement.serving import Served
+from ronnaplan.robot.placement.world import moved_row
 
 
 def placement_document(
@@ -88,12 +89,9 @@ def _robot(arm: SerialArm, room: Room, place: Place) -> dict[str, Any]:
     wrist = wrist_of(arm)
     frames = place.room_from_r @ link_frames(arm, np.radians(place.route.reference_deg)[None])[0]
     tool_mm = float(np.linalg.norm(np.array(room.tool.start_mm) - center_mm(wrist)))
-    rows = []
     links, bodies, _ = bodies_of(arm, room)
-    for link, row in zip(links, bodies, strict=True):
-        ends = transform_points(frames[link], row[:6].reshape(2, 3))
-        rows.append(np.array([*ends.ravel(), row[6]]))
-    turn = float(np.degrees(np.arctan2(place.room_from_r[1, 0], place.room_from_r[0, 0])))
+    rows = [moved_row(frames[link], row) for link, row in zip(links, bodies, strict=True)]
+    turn = base_place(place.room_from_r)[3]
     return {
         "bodies": [_capsule(f"body {n}", row) for n, row in enumerate(rows, 1)],
         "trolley": [

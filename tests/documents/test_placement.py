@@ -20,9 +20,8 @@ from ronnaplan.robot.arm.forward import link_frames
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.arm.urdf import read_urdf
 from ronnaplan.robot.placement.placement import Place, Placement
-from ronnaplan.robot.placement.room import Capsule
+from ronnaplan.robot.placement.room import Capsule, base_pose
 from ronnaplan.robot.placement.route import Route
-from ronnaplan.robot.placement.search import base_pose
 from ronnaplan.robot.placement.serving import Served
 from tests.robot.arm.arms import IIWA_M, KR6, UR5E_M, iiwa, ur
 from tests.robot.arm.test_kinematics import read

@@ -17,8 +17,8 @@ from ronnaplan.report.overview import View
 from ronnaplan.report.placement_part import placement_part
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.placement.placement import Place, Placement
+from ronnaplan.robot.placement.room import base_pose
 from ronnaplan.robot.placement.route import Route
-from ronnaplan.robot.placement.search import base_pose
 from ronnaplan.robot.placement.serving import Served
 from ronnaplan.scene.contents import things_of
 from ronnaplan.scene.robot import in_room, robot_things

@@ -24,8 +24,8 @@ from ronnaplan.robot.placement.clearances import HEAD, ROOM, place_trolley
 from ronnaplan.robot.placement.distances import box_box, segment_box, segment_segment
 from ronnaplan.robot.placement.job import Job
 from ronnaplan.robot.placement.machine import Machine, moved_capsule
-from ronnaplan.robot.placement.room import Floor
-from ronnaplan.robot.placement.search import Problem, base_pose
+from ronnaplan.robot.placement.room import Floor, base_pose
+from ronnaplan.robot.placement.search import Problem
 from ronnaplan.robot.placement.tasks import Fineness, Ways, ways_of
 from ronnaplan.robot.placement.world import CLEARANCE_NEED, World
 
@@ -95,7 +95,7 @@ def in_the_way(job: Job, problem: Problem, floor: Floor, where: str) -> str | No
                     break
             else:
                 told = Blocked(part.stage, away, part.number, other)
-                return told.sentence(problem, job.arm.joints, job.body_names, job.thing_names, where)
+                return told.sentence(job, where)
     return None
 
 
@@ -147,7 +147,7 @@ def _out_of_reach(job: Job, problem: Problem, fineness: Fineness) -> list[str]:
     told = []
     for n in np.flatnonzero(beyond_reach(job.arm, problem.ways, problem.floor)):
         task = job.tasks[n]
-        why = Blocked(UNREACHED, -np.inf, 0, 0).sentence(problem, (), (), (), ANYWHERE)
+        why = Blocked(UNREACHED, -np.inf, 0, 0).sentence(job, ANYWHERE)
         rest = ""
         if task.kind == "trajectory":
             others, turns_deg = entries_beside(task, job.world)

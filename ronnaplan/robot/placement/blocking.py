@@ -11,22 +11,25 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray, axes_across, unit
-from ronnaplan.pose import invert
 from ronnaplan.robot.arm.compiled import ALL
 from ronnaplan.robot.arm.links import place_links
 from ronnaplan.robot.placement.clearances import (
     HEAD,
     ROOM,
+    Standing,
     clearance,
     is_high,
     parked,
     place_trolley,
     posture_margins,
+    standing_on,
 )
 from ronnaplan.robot.placement.distances import segment_box, segment_segment
 from ronnaplan.robot.placement.following import follow, settle
-from ronnaplan.robot.placement.machine import APART, Machine, frames_on, how_near, place_bodies
-from ronnaplan.robot.placement.search import Problem, base_pose
+from ronnaplan.robot.placement.job import Job
+from ronnaplan.robot.placement.machine import APART, Machine, how_near, place_bodies
+from ronnaplan.robot.placement.room import base_pose
+from ronnaplan.robot.placement.search import Problem
 from ronnaplan.robot.placement.tasks import Task, Ways
 from ronnaplan.robot.placement.world import (
     CLEARANCE_NEED,
@@ -57,16 +60,13 @@ class Blocked:
     which: int
     other: int
 
-    def sentence(
-        self, problem: Problem, joints: Sequence[str], bodies: Sequence[str], things: Sequence[str], where: str
-    ) -> str:
-        """Say it with the names of ``joints``, of the machine's ``bodies`` and the room's ``things``.
-
-        ``where`` says of what bases it is told.
+    def sentence(self, job: Job, where: str) -> str:
+        """Say it with the names of the ``job``; ``where`` says of what bases it is told.
 
         Margins are rounded down, so that none looks as if it were enough.
         """
-        joint, singular, clearance, view = problem.world.needs
+        joints, bodies, things = job.arm.joints, job.body_names, job.thing_names
+        joint, singular, clearance, view = job.world.needs
         if self.stage == UNPARKED:
             near = self._other(things) if self.other < 0 else "the head or the room's things"
             return f"the trolley would stand nearer than {clearance:g} mm to {near} {where}"
@@ -105,44 +105,32 @@ def best_of(problem: Problem, task: int, bases: FloatArray) -> Blocked:
 
 
 def _state(problem: Problem, task: int, base: FloatArray) -> Blocked:
-    trolley = place_trolley(problem.machine, base)
-    told = state(problem.machine, problem.world, problem.ways, base, invert(base), trolley, task)
-    return Blocked(int(told[0]), float(told[1]), int(told[2]), int(told[3]))
+    machine = problem.machine
+    return Blocked(*state(machine, problem.world, problem.ways, standing_on(machine, base), task))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def state(
-    machine: Machine,
-    world: World,
-    ways: Ways,
-    base: FloatArray,
-    from_room: FloatArray,
-    trolley: FloatArray,
-    task: int,
+    machine: Machine, world: World, ways: Ways, standing: Standing, task: int
 ) -> tuple[int, float, int, int]:
     """Return the stage that the best way and posture of ``task`` reaches, its margin there, and what it is of."""
-    if not parked(world, trolley):
+    if not parked(world, standing.trolley):
         return UNPARKED, -np.inf, 0, 0
     stage, margin, which, other = UNREACHED, -np.inf, 0, 0
-    steps = ways.steps[task]
-    frames, bodies = frames_on(machine, base), np.empty((len(machine.links) + 1, 7))
-    angles, margins = np.empty((steps, 8, 6)), np.empty((8, 2))
-    pair = np.zeros(2, dtype=np.int64)
+    angles, margins = np.empty((ways.steps[task], 8, 6)), np.empty((8, 2))
     for n in range(ways.firsts[task], ways.firsts[task + 1]):
-        follow(machine, world.needs, from_room, ways.flanges[n], ALL, -np.inf, angles, margins)
+        follow(machine, world.needs, standing.from_room, ways.flanges[n], ALL, -np.inf, angles, margins)
         for b in range(8):
             if margins[b, 0] == -np.inf:
                 continue
-            settle(machine, from_room, ways.flanges[n], b, angles, margins)
+            settle(machine, standing.from_room, ways.flanges[n], b, angles, margins)
             if margins[b, 0] == -np.inf:
                 continue
             kept = np.ascontiguousarray(angles[:, b])
             beyond = -np.inf if stage < COLLISION else (margin if stage == COLLISION else np.inf)
-            here, value, one = _reached(
-                machine, world, trolley, ways.instruments[task], kept, margins[b], beyond, frames, bodies, pair
-            )
+            here, value, one = _reached(machine, world, standing, ways.instruments[task], kept, margins[b], beyond)
             if here > stage or (here == stage and value > margin):
-                stage, margin, which, other = here, value, one, pair[1]
+                stage, margin, which, other = here, value, one, standing.pair[1]
         if stage == SERVED:
             break
     return stage, margin, which, other
@@ -152,16 +140,15 @@ def state(
 def _reached(
     machine: Machine,
     world: World,
-    trolley: FloatArray,
+    standing: Standing,
     instrument: FloatArray,
     angles: FloatArray,
     margins: FloatArray,
     beyond: float,
-    frames: FloatArray,
-    bodies: FloatArray,
-    pair: NDArray[np.int64],
 ) -> tuple[int, float, int]:
     """Return the stage that postures (P, 6) along a way come to, the margin there, and the joint or body it is of.
+
+    What that comes near to is the last of ``standing.pair``.
 
     Of a clearance that is too little, and not above ``beyond`` (mm), the two that are nearest are not sought.
     """
@@ -169,10 +156,11 @@ def _reached(
         return LIMIT, np.degrees(margins[0]), _tightest(machine, angles)
     if margins[1] < world.needs[SINGULAR_NEED]:
         return SINGULAR, np.degrees(margins[1]), 0
+    trolley, bodies, pair = standing.trolley, standing.bodies, standing.pair
     least, body, other = np.inf, 0, 0
     for p in range(len(angles)):
-        place_links(machine.origins, machine.axes, angles[p], frames)
-        place_bodies(machine, instrument, frames, bodies)
+        place_links(machine.origins, machine.axes, angles[p], standing.frames)
+        place_bodies(machine, instrument, standing.frames, bodies)
         enough = min(beyond, world.needs[CLEARANCE_NEED])
         away = clearance(machine, world, trolley, bodies, enough, np.inf, pair)
         if away < least:
@@ -186,7 +174,7 @@ def _reached(
         of_wrist = other >= 0 and machine.kept[body, other] == APART
         return OVERLAP if of_wrist else COLLISION, least, body
     for p in range(len(angles)):
-        _, view = posture_margins(machine, world, trolley, instrument, angles[p], frames, bodies, pair, 0.0, True)
+        _, view = posture_margins(machine, world, standing, instrument, angles[p], 0.0, True)
         if view < world.needs[VIEW_NEED]:
             return HIDDEN, np.degrees(view), 0
     return SERVED, np.inf, 0

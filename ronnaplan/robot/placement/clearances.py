@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.arm.links import place_links
+from ronnaplan.robot.arm.links import invert_into, place_links
 from ronnaplan.robot.placement.distances import box_box, point_box, segment_box, segment_point, segment_segment
-from ronnaplan.robot.placement.machine import APART, FREE, Machine, place_bodies
+from ronnaplan.robot.placement.machine import APART, FREE, Machine, frames_on, place_bodies
 from ronnaplan.robot.placement.world import (
     BEAM,
     CLEARANCE_NEED,
@@ -23,6 +25,21 @@ from ronnaplan.robot.placement.world import (
 
 HEAD, ROOM = -1, -2
 """What a body comes near to, where it is no other body."""
+
+
+class Standing(NamedTuple):
+    """A base on which the machine stands, and what `posture_margins` fills there."""
+
+    from_room: FloatArray
+    """The base from the room: the upper rows of (4, 4)."""
+    trolley: FloatArray
+    """Boxes (V, 8) in the room."""
+    frames: FloatArray
+    """Room from base and links (N + 1, 4, 4), of which the first is given."""
+    bodies: FloatArray
+    """Capsules (K + 1, 7) in the room, the instrument last."""
+    pair: NDArray[np.int64]
+    """The two (2,) that are nearest to each other, by `clearance`."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -160,25 +177,23 @@ def _is_crossed(machine: Machine, world: World, trolley: FloatArray, line: Float
 def posture_margins(
     machine: Machine,
     world: World,
-    trolley: FloatArray,
+    standing: Standing,
     instrument: FloatArray,
     angles: FloatArray,
-    frames: FloatArray,
-    bodies: FloatArray,
-    pair: NDArray[np.int64],
     enough: float,
     tracked: bool,
 ) -> tuple[float, float]:
-    """Return clearance (mm) and the tracker's margin (rad) of ``angles`` (6,); ``frames[0]`` is room from base.
+    """Return clearance (mm) and the tracker's margin (rad) of ``angles`` (6,), with an ``instrument`` (7,).
 
-    Clearances above ``enough`` are not told apart.
+    Clearances above ``enough`` are not told apart; where nothing is ``tracked``, the margin is infinite.
     """
-    place_links(machine.origins, machine.axes, angles, frames)
-    place_bodies(machine, instrument, frames, bodies)
-    view = seen(machine, world, trolley, frames[-1], bodies) if tracked else np.inf
+    trolley, bodies = standing.trolley, standing.bodies
+    place_links(machine.origins, machine.axes, angles, standing.frames)
+    place_bodies(machine, instrument, standing.frames, bodies)
+    view = seen(machine, world, trolley, standing.frames[-1], bodies) if tracked else np.inf
     if view < world.needs[VIEW_NEED]:
         return np.inf, view
-    return clearance(machine, world, trolley, bodies, world.needs[CLEARANCE_NEED], enough, pair), view
+    return clearance(machine, world, trolley, bodies, world.needs[CLEARANCE_NEED], enough, standing.pair), view
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -213,3 +228,12 @@ def place_trolley(machine: Machine, base: FloatArray) -> FloatArray:
         placed[v, 2] = base[2, 3] + box[2]
         placed[v, 6], placed[v, 7] = c * box[6] - s * box[7], s * box[6] + c * box[7]
     return placed
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def standing_on(machine: Machine, base: FloatArray) -> Standing:
+    """Return the machine's standing on an upright ``base`` (4, 4), room from base."""
+    from_room = np.zeros((4, 4))
+    invert_into(from_room, base)
+    bodies, pair = np.empty((len(machine.links) + 1, 7)), np.zeros(2, dtype=np.int64)
+    return Standing(from_room, place_trolley(machine, base), frames_on(machine, base), bodies, pair)

@@ -7,28 +7,16 @@ beyond plenty they count no more. A margin below what is asked for makes a postu
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.arm.links import invert_into
-from ronnaplan.robot.placement.clearances import parked, place_trolley, posture_margins
+from ronnaplan.robot.placement.clearances import Standing, parked, posture_margins, standing_on
 from ronnaplan.robot.placement.following import NOTHING, follow, hoped, settled_at, worth_of_joints
-from ronnaplan.robot.placement.machine import Machine, frames_on
+from ronnaplan.robot.placement.machine import Machine
 from ronnaplan.robot.placement.tasks import Ways
 from ronnaplan.robot.placement.world import CLEARANCE_NEED, VIEW_NEED, World
-
-
-class Standing(NamedTuple):
-    """A base that is judged: ``from_room`` (4, 4), its ``trolley`` (V, 8) in the room, what `posture_margins` fills."""
-
-    from_room: FloatArray
-    trolley: FloatArray
-    frames: FloatArray
-    bodies: FloatArray
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -65,11 +53,10 @@ def judge_base(
     ``least``, ends the search; nothing above ``plenty`` is told apart. What one base teaches is kept for the next: the
     task that decided comes first in ``order`` (T,), and what served each is asked first (``chosen``).
     """
-    trolley = place_trolley(machine, base)
+    standing = standing_on(machine, base)
     worth[:] = NOTHING
-    if not parked(world, trolley):
+    if not parked(world, standing.trolley):
         return -float(len(order)) - 1.0
-    standing = _standing(machine, base, trolley)
     worst, unserved, decides = plenty, 0, 0
     for place in range(len(order)):
         task = order[place]
@@ -103,11 +90,10 @@ def tasks_served(
     Where these are fewer than ``asked``, with none. Worths above ``enough`` are not told apart. ``order`` and
     ``chosen`` are kept as by `judge_base`.
     """
-    trolley = place_trolley(machine, base)
+    standing = standing_on(machine, base)
     served[:] = False
-    if not parked(world, trolley):
+    if not parked(world, standing.trolley):
         return
-    standing = _standing(machine, base, trolley)
     spare = len(order) - asked
     for place in range(len(order)):
         task = order[place]
@@ -118,13 +104,6 @@ def tasks_served(
             if spare < 0:
                 served[:] = False
                 return
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _standing(machine: Machine, base: FloatArray, trolley: FloatArray) -> Standing:
-    inverse = np.zeros((4, 4))
-    invert_into(inverse, base)
-    return Standing(inverse, trolley, frames_on(machine, base), np.empty((len(machine.links) + 1, 7)))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -220,7 +199,7 @@ def worth_along(
 
     ``margins`` (2,) are those of its joints. They and ``angles`` (P, 8, 6) are settled on the way.
     """
-    pair, need = np.empty(2, dtype=np.int64), world.needs[CLEARANCE_NEED]
+    need = world.needs[CLEARANCE_NEED]
     left = worth = np.inf
     for p in range(len(angles)):
         if not settled_at(machine, standing.from_room, way, p, posture, angles, margins):
@@ -228,18 +207,7 @@ def worth_along(
         so_far = min(worth_of_joints(world.needs, margins[0], margins[1]), left)
         # clearance that counts for more than that decides nothing, and is not sought
         enough = max(so_far / (1.0 + so_far / world.plenty[0]), need)
-        away, view = posture_margins(
-            machine,
-            world,
-            standing.trolley,
-            instrument,
-            angles[p, posture],
-            standing.frames,
-            standing.bodies,
-            pair,
-            enough,
-            True,
-        )
+        away, view = posture_margins(machine, world, standing, instrument, angles[p, posture], enough, True)
         kept = worth_at_most(world, away if away < enough else np.inf, view)
         if kept == NOTHING:
             return NOTHING

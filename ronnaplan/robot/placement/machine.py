@@ -18,7 +18,7 @@ from ronnaplan.robot.arm.links import place_links
 from ronnaplan.robot.arm.wrist import Wrist, wrist_of
 from ronnaplan.robot.placement.distances import segment_segment
 from ronnaplan.robot.placement.room import Capsule, Room
-from ronnaplan.robot.placement.world import box_rows, capsule_row
+from ronnaplan.robot.placement.world import box_rows, capsule_row, moved_row
 
 CLEAR_LINKS = 3
 """Bodies of links with so many joints between them are kept clear of each other.
@@ -112,7 +112,7 @@ def bodies_of(arm: SerialArm, room: Room) -> tuple[NDArray[np.int64], FloatArray
             f"the links of {arm.name} have no simple shapes; state capsules as [[arm_body]] in the room (`robot place "
             "--example --arm FILE` draws them from joint to joint, to be measured)"
         )
-    carried = [(len(arm), _moved(arm.flange, capsule_row(one))) for one in room.tool.bodies]
+    carried = [(len(arm), moved_row(arm.flange, capsule_row(one))) for one in room.tool.bodies]
     links, rows = zip(*of_links, *carried, strict=True)
     return np.array(links, dtype=np.int64), np.array(rows), len(of_links)
 
@@ -178,15 +178,10 @@ def _apart_mm(machine: Machine, arm: SerialArm, postures: FloatArray) -> FloatAr
     frames = link_frames(arm, postures)
     found = np.full((len(postures), len(machine.links), len(machine.links)), np.inf)
     for p, here in enumerate(frames):
-        placed = [_moved(here[link], row) for link, row in zip(machine.links, machine.bodies, strict=True)]
+        placed = [moved_row(here[link], row) for link, row in zip(machine.links, machine.bodies, strict=True)]
         for k, j in np.argwhere(machine.kept[:-1] != FREE).tolist():
             found[p, k, j] = segment_segment(placed[k], placed[j]) - placed[k][6] - placed[j][6]
     return found
-
-
-def _moved(pose: FloatArray, row: FloatArray) -> FloatArray:
-    ends = row[:6].reshape(2, 3) @ pose[:3, :3].T + pose[:3, 3]
-    return np.array([*ends.ravel(), row[6]])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

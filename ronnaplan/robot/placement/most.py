@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.placement.judging import tasks_served
-from ronnaplan.robot.placement.search import ANY, SIDES, Problem, base_pose, shared_out, within
+from ronnaplan.robot.placement.room import base_pose
+from ronnaplan.robot.placement.search import ANY, SIDES, Problem, shared_out, within
 
 LOOKED_AT = 300
 """Bases of which it is asked what each of them serves."""

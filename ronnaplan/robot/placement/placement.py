@@ -16,12 +16,11 @@ from ronnaplan.robot.placement.job import Job
 from ronnaplan.robot.placement.most import CLIMBING, served_each, serving_most
 from ronnaplan.robot.placement.near import what_comes_near
 from ronnaplan.robot.placement.parking import probability
-from ronnaplan.robot.placement.room import Floor
+from ronnaplan.robot.placement.room import Floor, base_place, base_pose
 from ronnaplan.robot.placement.route import Route, plan_route
 from ronnaplan.robot.placement.search import (
     Problem,
     alternatives,
-    base_pose,
     best_apart,
     grid,
     refined,
@@ -139,8 +138,7 @@ def check_parked(job: Job, room_from_r: FloatArray) -> Placement:
     place = _place(job, fine, room_from_r, None)
     if isinstance(place, Place):
         return Placement(job.room_from_ct, (place,), ())
-    turn = np.degrees(np.arctan2(room_from_r[1, 0], room_from_r[0, 0]))
-    here = np.array([[*room_from_r[:3, 3], turn]])
+    here = base_place(room_from_r)[None]
     if near := in_the_way(job, fine, Floor(*((value, value) for value in here[0].tolist())), "from here"):
         return Placement(job.room_from_ct, (), (near,))
     told = [_sentence(job, fine, n, here, "from here", here) for n in place]
@@ -170,7 +168,7 @@ def _blocked(job: Job, coarse: Problem, bases: FloatArray, each: NDArray[np.bool
     That is what no base serves at all, or what the best of them leaves out.
     """
     if not blocking.is_parked(coarse, bases):
-        return (blocking.Blocked(blocking.UNPARKED, -np.inf, 0, 0).sentence(coarse, (), (), (), TRIED_ALL),)
+        return (blocking.Blocked(blocking.UNPARKED, -np.inf, 0, 0).sentence(job, TRIED_ALL),)
     most = int(each.sum(axis=1).argmax())
     best = bases[[most]]
     never = np.flatnonzero(~each.any(axis=0))
@@ -185,9 +183,7 @@ def _blocked(job: Job, coarse: Problem, bases: FloatArray, each: NDArray[np.bool
 
 def _sentence(job: Job, problem: Problem, number: int, bases: FloatArray, where: str, best: FloatArray) -> str:
     task = job.tasks[number]
-    why = blocking.best_of(problem, number, bases).sentence(
-        problem, job.arm.joints, job.body_names, job.thing_names, where
-    )
+    why = blocking.best_of(problem, number, bases).sentence(job, where)
     told = f"{task.kind} {task.name}: {why}"
     if task.kind == "marker":
         return told

@@ -14,8 +14,8 @@ from ronnaplan.robot.arm.forward import link_frames
 from ronnaplan.robot.arm.inverse import inverse
 from ronnaplan.robot.arm.quality import joint_margins_deg, singularity_deg
 from ronnaplan.robot.arm.wrist import Wrist, shoulder_mm, stretched_mm, wrist_of
-from ronnaplan.robot.placement.clearances import place_trolley, posture_margins
-from ronnaplan.robot.placement.machine import frames_on, machine_in_any
+from ronnaplan.robot.placement.clearances import posture_margins, standing_on
+from ronnaplan.robot.placement.machine import machine_in_any
 from ronnaplan.robot.placement.room import Room
 from ronnaplan.robot.placement.world import world_of
 
@@ -95,13 +95,8 @@ def _margins(arm: SerialArm, room: Room, wrist: Wrist, postures: FloatArray) -> 
     if _mounted(wrist, arm)[2] < UPRIGHT:
         machine, base[2, 3] = machine._replace(trolley=machine.trolley[:0]), HIGH_MM
     world = world_of(bare, np.full((1, 3), FAR_MM), None)._replace(needs=np.full(4, -np.inf))  # all is told
-    trolley, frames = place_trolley(machine, base), frames_on(machine, base)
-    bodies, pair = np.empty((len(machine.links) + 1, 7)), np.zeros(2, dtype=np.int64)
-    none = np.zeros(7)
-    apart = [
-        posture_margins(machine, world, trolley, none, one, frames, bodies, pair, np.inf, False)[0]
-        for one in postures
-    ]
+    standing, none = standing_on(machine, base), np.zeros(7)
+    apart = [posture_margins(machine, world, standing, none, one, np.inf, False)[0] for one in postures]
     least_deg = np.minimum(joints, singularity_deg(arm, postures))
     kept: FloatArray = np.minimum(least_deg / ENOUGH_DEG, np.array(apart) / ENOUGH_MM)
     return kept

@@ -181,3 +181,15 @@ class Room:
     parking: Parking = field(default_factory=Parking)
     reference_deg: tuple[float, ...] = (0.0, -120.0, 120.0, 0.0, 60.0, 0.0)
     """The posture to start from, to end in, and to go by where no straight way is free; joint 1 from the head."""
+
+
+def base_pose(place: FloatArray) -> FloatArray:
+    """Return room from base (4, 4) for x, y, z (mm) and turn (degrees) (4,)."""
+    turn = np.radians(place[3])
+    c, s = np.cos(turn), np.sin(turn)
+    return rigid(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), place[:3].copy())
+
+
+def base_place(room_from_base: FloatArray) -> FloatArray:
+    """Return x, y, z (mm) and turn (degrees) (4,) of an upright base (4, 4)."""
+    return np.array([*room_from_base[:3, 3], np.degrees(np.arctan2(room_from_base[1, 0], room_from_base[0, 0]))])

@@ -15,8 +15,8 @@ import numpy as np
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.placement.clearances import place_trolley, posture_margins
-from ronnaplan.robot.placement.machine import Machine, frames_on
+from ronnaplan.robot.placement.clearances import posture_margins, standing_on
+from ronnaplan.robot.placement.machine import Machine
 from ronnaplan.robot.placement.order import LESS, cheapest, shortest
 from ronnaplan.robot.placement.search import Problem
 from ronnaplan.robot.placement.serving import Served
@@ -59,10 +59,8 @@ class _Moves:
         """Return what the straight move between two postures (6,) counts; infinite where it is not free."""
         key = (a.tobytes(), b.tobytes())
         if key not in self.known:
-            trolley, ends = place_trolley(self.problem.machine, self.base), np.radians([a, b])
-            free = is_free(
-                self.problem.machine, self.problem.world, trolley, self.base, ends, np.radians(STEP_DEG)
-            )
+            machine, world = self.problem.machine, self.problem.world
+            free = is_free(machine, world, self.base, np.radians([a, b]), np.radians(STEP_DEG))
             self.known[key] = self.known[key[::-1]] = _apart(a, b) if free else np.inf
         return self.known[key]
 
@@ -246,16 +244,13 @@ def _apart(a: FloatArray, b: FloatArray) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def is_free(
-    machine: Machine, world: World, trolley: FloatArray, base: FloatArray, ends: FloatArray, step: float
-) -> bool:
+def is_free(machine: Machine, world: World, base: FloatArray, ends: FloatArray, step: float) -> bool:
     """Whether the straight move between the postures ``ends`` (2, 6) in rad keeps all clearances; no instrument."""
-    frames, bodies = frames_on(machine, base), np.empty((len(machine.links) + 1, 7))
-    pair, instrument, need = np.empty(2, dtype=np.int64), np.zeros(7), world.needs[CLEARANCE_NEED]
+    standing, instrument, need = standing_on(machine, base), np.zeros(7), world.needs[CLEARANCE_NEED]
     count = int(np.ceil(np.abs(ends[1] - ends[0]).max() / step)) + 1
     for n in range(count + 1):
         angles = ends[0] + (ends[1] - ends[0]) * (n / count)
-        away, _ = posture_margins(machine, world, trolley, instrument, angles, frames, bodies, pair, need, False)
+        away, _ = posture_margins(machine, world, standing, instrument, angles, need, False)
         if away < need:
             return False
     return True

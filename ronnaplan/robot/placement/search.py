@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import rigid
 from ronnaplan.robot.arm.wrist import shoulder_mm, stretched_mm
 from ronnaplan.robot.placement.machine import Machine
-from ronnaplan.robot.placement.room import Floor
+from ronnaplan.robot.placement.room import Floor, base_pose
 from ronnaplan.robot.placement.tasks import Ways
 from ronnaplan.robot.placement.world import CLEARANCE_NEED, World
 from ronnaplan.threads import cores, in_threads
@@ -60,13 +59,6 @@ class Problem:
 
     def __len__(self) -> int:
         return len(self.ways.steps)
-
-
-def base_pose(place: FloatArray) -> FloatArray:
-    """Return room from base (4, 4) for x, y, z (mm) and turn (degrees) (4,)."""
-    turn = np.radians(place[3])
-    c, s = np.cos(turn), np.sin(turn)
-    return rigid(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), place[:3].copy())
 
 
 def worths(problem: Problem, places: FloatArray, least: float = 0.0, plenty: float = np.inf) -> FloatArray:

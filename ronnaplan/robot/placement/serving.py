@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import invert
 from ronnaplan.robot.placement.search import Problem
 from ronnaplan.robot.placement.tasks import Kind, Task
 
@@ -40,27 +39,18 @@ def serve(problem: Problem, tasks: tuple[Task, ...], base: FloatArray) -> tuple[
 
 
 def _served(problem: Problem, task: Task, number: int, base: FloatArray, way: int, posture: int) -> Served:
-    from ronnaplan.robot.placement.clearances import place_trolley, posture_margins
+    from ronnaplan.robot.placement.clearances import posture_margins, standing_on
     from ronnaplan.robot.placement.following import follow, settle
 
     machine, world, ways = problem.machine, problem.world, problem.ways
     steps = int(ways.steps[number])
     angles, margins = np.empty((steps, 8, 6)), np.empty((8, 2))
-    flanges, from_room = ways.flanges[ways.firsts[number] + way], invert(base)
-    follow(machine, world.needs, from_room, flanges, 1 << posture, -np.inf, angles, margins)
-    settle(machine, from_room, flanges, posture, angles, margins)
+    flanges, standing = ways.flanges[ways.firsts[number] + way], standing_on(machine, base)
+    follow(machine, world.needs, standing.from_room, flanges, 1 << posture, -np.inf, angles, margins)
+    settle(machine, standing.from_room, flanges, posture, angles, margins)
     kept = np.ascontiguousarray(angles[:, posture])
-    trolley = place_trolley(machine, base)
-    frames, bodies = np.empty((7, 4, 4)), np.empty((len(machine.links) + 1, 7))
-    frames[0] = base
-    pair = np.empty(2, dtype=np.int64)
     instrument = ways.instruments[number]
-    along = np.array(
-        [
-            posture_margins(machine, world, trolley, instrument, one, frames, bodies, pair, np.inf, True)
-            for one in kept
-        ]
-    )
+    along = np.array([posture_margins(machine, world, standing, instrument, one, np.inf, True) for one in kept])
     joint, singular = np.degrees(margins[posture])
     return Served(
         task.name,

@@ -18,6 +18,7 @@ from ronnaplan.geometry import FloatArray, unit
 from ronnaplan.pose import frame_along, invert, rigid
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.placement.room import Camera, Tool
+from ronnaplan.robot.placement.world import moved_row
 
 Kind = Literal["trajectory", "marker"]
 SIDES, BETWEEN = 24, 4
@@ -95,7 +96,7 @@ def ways_of(tasks: Sequence[Task], arm: SerialArm, fineness: Fineness) -> Ways:
     most = max(steps, default=1)
     parts = [_poses(task, count, most, fineness.rolls) for task, count in zip(tasks, steps, strict=True)]
     firsts = np.cumsum([0, *(len(part) for part in parts)])
-    instruments = [_in_last_link(arm, task.instrument) for task in tasks]
+    instruments = [moved_row(arm.flange, task.instrument) for task in tasks]
     return Ways(
         np.concatenate(parts),
         firsts.astype(np.int64),
@@ -121,8 +122,3 @@ def _poses(task: Task, steps: int, most: int, rolls: int) -> FloatArray:
         ways[:, :steps] = at @ tip_from_flange
         found.append(ways)
     return np.concatenate(found)
-
-
-def _in_last_link(arm: SerialArm, capsule: FloatArray) -> FloatArray:
-    ends = capsule[:6].reshape(2, 3) @ arm.flange[:3, :3].T + arm.flange[:3, 3]
-    return np.array([*ends.ravel(), capsule[6]])

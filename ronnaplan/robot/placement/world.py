@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.pose import transform_points
 from ronnaplan.robot.placement.room import Box, Capsule, Room
 
 HEAD_SPACING_MM = 12.0
@@ -118,6 +119,11 @@ def box_rows(boxes: Sequence[Box]) -> FloatArray:
 def capsule_row(capsule: Capsule) -> FloatArray:
     """Return a capsule as a row (7,)."""
     return np.array([*capsule.start_mm, *capsule.end_mm, capsule.radius_mm], dtype=np.float64)
+
+
+def moved_row(pose: FloatArray, row: FloatArray) -> FloatArray:
+    """Return a capsule (7,) brought by ``pose`` (4, 4)."""
+    return np.array([*transform_points(pose, row[:6].reshape(2, 3)).ravel(), row[6]])
 
 
 def _covered(balls: FloatArray) -> FloatArray:

@@ -18,8 +18,7 @@ from ronnaplan.robot.placement.beforehand import ANYWHERE, beyond_reach, blocked
 from ronnaplan.robot.placement.blocking import is_parked
 from ronnaplan.robot.placement.job import Job
 from ronnaplan.robot.placement.placement import COARSE, check_parked, find_places
-from ronnaplan.robot.placement.room import Box, Capsule, Floor
-from ronnaplan.robot.placement.search import base_pose
+from ronnaplan.robot.placement.room import Box, Capsule, Floor, base_pose
 from ronnaplan.robot.placement.tasks import drill_task, ways_of
 from tests.robot.arm import arms
 from tests.robot.arm.test_kinematics import read

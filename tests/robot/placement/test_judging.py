@@ -14,8 +14,8 @@ from ronnaplan.robot.placement.judging import judge_base
 from ronnaplan.robot.placement.most import served_each
 from ronnaplan.robot.placement.parking import probability, strayed
 from ronnaplan.robot.placement.placement import CLOSER, COARSE, FINE
-from ronnaplan.robot.placement.room import Box, Capsule, ToolMarker
-from ronnaplan.robot.placement.search import base_pose, serves, worths
+from ronnaplan.robot.placement.room import Box, Capsule, ToolMarker, base_pose
+from ronnaplan.robot.placement.search import serves, worths
 from ronnaplan.robot.placement.tasks import view_task
 from ronnaplan.robot.placement.world import CLEARANCE_NEED, VIEW_NEED
 from tests.long import few_and_others

@@ -15,13 +15,12 @@ from ronnaplan.pose import transform_points
 from ronnaplan.robot.arm.forward import link_frames
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.placement.blocking import OVERLAP, Blocked
-from ronnaplan.robot.placement.clearances import posture_margins
+from ronnaplan.robot.placement.clearances import posture_margins, standing_on
 from ronnaplan.robot.placement.job import Job
 from ronnaplan.robot.placement.machine import FREE, Machine, machine_of
 from ronnaplan.robot.placement.near import nearest_mm, what_comes_near
 from ronnaplan.robot.placement.placement import COARSE, check_parked, find_places
-from ronnaplan.robot.placement.room import Capsule, Room, Tool
-from ronnaplan.robot.placement.search import base_pose
+from ronnaplan.robot.placement.room import Capsule, Room, Tool, base_pose
 from tests.long import few_and_others
 from tests.robot.placement.cases import job, room
 from tests.robot.placement.test_placement import WIDE
@@ -104,13 +103,11 @@ def test_what_is_as_near_in_every_posture_is_how_the_tool_is_drawn_and_not_told(
 def clearance_mm(given: Job, posture_deg: FloatArray, instrument: FloatArray) -> tuple[float, list[int]]:
     """Least distance that counts in a posture far from all else, and the two that are nearest."""
     problem = given.problem(COARSE)
-    frames, bodies = np.empty((7, 4, 4)), np.empty((len(problem.machine.links) + 1, 7))
-    frames[0] = base_pose(np.array([-3000.0, 0.0, 900.0, 180.0]))
-    pair, trolley, angles = np.zeros(2, dtype=np.int64), np.empty((0, 8)), np.radians(posture_deg)
-    near, _ = posture_margins(
-        problem.machine, problem.world, trolley, instrument, angles, frames, bodies, pair, np.inf, False
-    )
-    return near, pair.tolist()
+    standing = standing_on(problem.machine, base_pose(np.array([-3000.0, 0.0, 900.0, 180.0])))
+    standing = standing._replace(trolley=np.empty((0, 8)))
+    angles = np.radians(posture_deg)
+    near, _ = posture_margins(problem.machine, problem.world, standing, instrument, angles, np.inf, False)
+    return near, standing.pair.tolist()
 
 
 def test_a_posture_in_which_the_tool_overlaps_the_wrist_is_a_collision_and_named() -> None:
@@ -136,7 +133,7 @@ def test_a_posture_in_which_an_instrument_overlaps_the_wrist_is_a_collision_thou
     near, (body, other) = clearance_mm(given, BENT_DEG, instrument)
     assert near == pytest.approx(-overlap_mm, abs=0.01)
     assert (body, NAMES[other]) == (len(given.arm.bodies), "forearm")
-    told_so = Blocked(OVERLAP, near, body, other).sentence(given.problem(COARSE), (), NAMES[:-1], (), "from here")
+    told_so = Blocked(OVERLAP, near, body, other).sentence(given, "from here")
     assert told_so == "the instrument would meet forearm from here"
 
 

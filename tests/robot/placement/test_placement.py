@@ -31,9 +31,9 @@ from ronnaplan.robot.placement.machine import machine_of
 from ronnaplan.robot.placement.most import served_each
 from ronnaplan.robot.placement.parking import strayed
 from ronnaplan.robot.placement.placement import COARSE, Placement, check_parked, find_places
-from ronnaplan.robot.placement.room import Box, Capsule, Floor, HeadPose, Margins, Parking, Tool
+from ronnaplan.robot.placement.room import Box, Capsule, Floor, HeadPose, Margins, Parking, Tool, base_pose
 from ronnaplan.robot.placement.route import Route, plan_route
-from ronnaplan.robot.placement.search import Problem, asking, base_pose, grid, within, worths
+from ronnaplan.robot.placement.search import Problem, asking, grid, within, worths
 from ronnaplan.robot.placement.serving import Served
 from ronnaplan.robot.placement.tasks import drill_task
 from ronnaplan.robot.placement.world import world_of

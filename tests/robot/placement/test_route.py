@@ -16,8 +16,9 @@ from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.arm.urdf import read_urdf
 from ronnaplan.robot.placement.placement import COARSE
+from ronnaplan.robot.placement.room import base_pose
 from ronnaplan.robot.placement.route import Route, plan_route
-from ronnaplan.robot.placement.search import Problem, base_pose
+from ronnaplan.robot.placement.search import Problem
 from ronnaplan.robot.placement.serving import Served
 from ronnaplan.robot.placement.world import world_of
 from tests.robot.arm.arms import UR5E_M, ur
@@ -73,7 +74,7 @@ def test_where_no_straight_way_is_free_it_goes_by_the_reference_posture(monkeypa
     reference = np.radians(routed(problem(ur5e()))[0].reference_deg)
 
     def is_at_the_reference(*given: Any) -> bool:
-        return any(np.allclose(end[1:], reference[1:]) for end in given[4])
+        return any(np.allclose(end[1:], reference[1:]) for end in given[3])
 
     monkeypatch.setattr("ronnaplan.robot.placement.route.is_free", is_at_the_reference)
     task = [0.0, -90.0, 80.0, -90.0, -90.0]
