@@ -93,14 +93,14 @@ class Blocked:
         return ("the head", *things)[HEAD - self.other]
 
 
-def is_parked(problem: Problem, bases: FloatArray) -> bool:
-    """Whether the trolley can stand at any of ``bases`` (N, 4), x, y, z and turn."""
-    return any(parked(problem.world, place_trolley(problem.machine, base_pose(place))) for place in bases)
+def is_parked(problem: Problem, places: FloatArray) -> bool:
+    """Whether the trolley can stand at any of ``places`` (N, 4), x, y, z and turn."""
+    return any(parked(problem.world, place_trolley(problem.machine, base_pose(place))) for place in places)
 
 
-def best_of(problem: Problem, task: int, bases: FloatArray) -> Blocked:
-    """Return how far ``task`` comes from the best of ``bases`` (N, 4), x, y, z and turn."""
-    found = [_state(problem, task, base_pose(place)) for place in bases]
+def best_of(problem: Problem, task: int, places: FloatArray) -> Blocked:
+    """Return how far ``task`` comes from the best of ``places`` (N, 4), x, y, z and turn."""
+    found = [_state(problem, task, base_pose(place)) for place in places]
     return max(found, key=lambda one: (one.stage, one.margin))
 
 

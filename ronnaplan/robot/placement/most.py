@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +18,17 @@ CLIMBING = 6
 """So many of them, which serve most, are bettered."""
 FIRST_STEP, LAST_STEP_MM = (100.0, 100.0, 100.0, 20.0), 5.0
 """Steps in x, y, z (mm) and turn (degrees) to begin with, and the least: tasks are lost and won within centimetres."""
+
+
+class Climbed(NamedTuple):
+    """Bases of which it was asked what they serve, and where steps from the best of them lead."""
+
+    places: FloatArray
+    """All of them (N, 4), those last to which steps lead."""
+    served: NDArray[np.bool_]
+    """Which tasks each serves (N, T)."""
+    tops: FloatArray
+    """Where steps lead (C, 4)."""
 
 
 def served_each(problem: Problem, places: FloatArray, asked: int = 0) -> NDArray[np.bool_]:
@@ -37,8 +50,8 @@ def served_each(problem: Problem, places: FloatArray, asked: int = 0) -> NDArray
     return served
 
 
-def serving_most(problem: Problem, places: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return some of ``places`` (N, 4), then where steps from the best of them lead, and which tasks each serves.
+def serving_most(problem: Problem, places: FloatArray) -> Climbed:
+    """Return some of ``places`` (N, 4), and where steps from the best of them lead.
 
     A base that serves all may lie in a few millimetres between those of a grid: what is left unserved about it shows
     the way there.
@@ -48,7 +61,7 @@ def serving_most(problem: Problem, places: FloatArray) -> tuple[FloatArray, NDAr
     best = np.argsort(-each.sum(axis=1), kind="stable")[:CLIMBING]
     climbed = [_climbed(problem, some[n], each[n]) for n in best]
     tops, served = (np.array(one) for one in zip(*climbed, strict=True))
-    return np.concatenate([some, tops]), np.concatenate([each, served])
+    return Climbed(np.concatenate([some, tops]), np.concatenate([each, served]), tops)
 
 
 def _climbed(

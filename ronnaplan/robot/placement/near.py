@@ -16,26 +16,26 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.placement.machine import APART, Machine, carried_distances
 from ronnaplan.robot.placement.route import STEP_DEG
 
-Way = tuple[str, FloatArray]
+Passage = tuple[str, FloatArray]
 """Where on the route it is, and the postures (P, 6), in degrees, between which all joints turn evenly."""
 
 
 def what_comes_near(
-    machine: Machine, ways: Sequence[Way], names: Sequence[str], least_mm: float
+    machine: Machine, passages: Sequence[Passage], names: Sequence[str], least_mm: float
 ) -> tuple[str, ...]:
-    """Return a sentence for each body of the tool and of the wrist that come nearer than ``least_mm`` on the ways.
+    """Return a sentence for each body of the tool and of the wrist that come nearer than ``least_mm`` on ``passages``.
 
     Those that are near in every posture are left out: so they are drawn. Bodies have ``names`` (K,).
     """
     least = np.where(machine.kept[machine.tool_from : -1, : machine.tool_from] == APART, least_mm, -np.inf)
     where = np.full(least.shape, -1)
-    for number, (_, postures_deg) in enumerate(ways):
+    for number, (_, postures_deg) in enumerate(passages):
         here = nearest_mm(machine, postures_deg)
         where[here < least] = number
         least = np.minimum(here, least)
     return tuple(
         f"{names[machine.tool_from + k]} comes within {max(floor(least[k, j]), 0)} mm of {names[j]} "
-        f"{ways[where[k, j]][0]}: the two are only kept from overlapping"
+        f"{passages[where[k, j]][0]}: the two are only kept from overlapping"
         for k, j in np.argwhere(where >= 0).tolist()
     )
 

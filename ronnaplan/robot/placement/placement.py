@@ -6,14 +6,13 @@ import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import invert, transform_points
 from ronnaplan.robot.placement import blocking
 from ronnaplan.robot.placement.beforehand import blocked_anywhere, in_the_way
 from ronnaplan.robot.placement.job import Job
-from ronnaplan.robot.placement.most import CLIMBING, served_each, serving_most
+from ronnaplan.robot.placement.most import Climbed, served_each, serving_most
 from ronnaplan.robot.placement.near import what_comes_near
 from ronnaplan.robot.placement.parking import probability
 from ronnaplan.robot.placement.room import Floor, base_place, base_pose
@@ -81,50 +80,50 @@ def find_places(job: Job) -> Placement:
     One with free ways to all tasks comes before any that has none to some.
     """
     coarse = job.problem(COARSE)
-    bases = grid(coarse)
-    if not len(bases):
+    places = grid(coarse)
+    if not len(places):
         return Placement(job.room_from_ct, (), ("no base on the floor is within the arm's reach of the head",))
     if blocked := blocked_anywhere(job, coarse, COARSE):
         return Placement(job.room_from_ct, (), blocked)
     closer, fine = job.problem(CLOSER), job.problem(FINE)
-    search, found = coarse, worths(coarse, bases)
-    if not (found >= 0.0).any():
-        most, each = serving_most(coarse, bases)
-        search, bases, found = _elsewhere(coarse, closer, bases, most, each)
-        if not (found >= 0.0).any():
-            return Placement(job.room_from_ct, (), _blocked(job, coarse, most, each))
-    tops, values = refined(search, bases, found)
-    best = [tops[n] for n in best_apart(tops, values, TRIED)]
-    others = alternatives(replace(search, taken=tuple(best)), bases, found)
+    search, values = coarse, worths(coarse, places)
+    if not (values >= 0.0).any():
+        climbed = serving_most(coarse, places)
+        search, places, values = _further(coarse, closer, places, climbed)
+        if not (values >= 0.0).any():
+            return Placement(job.room_from_ct, (), _blocked(job, coarse, climbed))
+    tops, better = refined(search, places, values)
+    best = [tops[n] for n in best_apart(tops, better, TRIED)]
+    others = alternatives(replace(search, taken=tuple(best)), places, values)
     tried = itertools.islice(itertools.chain(best, others), TRIED)
 
-    def looked_at(base: FloatArray) -> Place | list[int]:
-        return _place(job, fine, base_pose(base), probability(coarse, closer, base, job.room.parking))
+    def looked_at(place: FloatArray) -> Place | list[int]:
+        return _place(job, fine, base_pose(place), probability(coarse, closer, place, job.room.parking))
 
-    places: list[Place] = []
+    found: list[Place] = []
     missing = PLACES
     while looked := list(itertools.islice(tried, missing)):
-        places += [one for one in in_threads(looked_at, looked) if isinstance(one, Place)]
-        missing = PLACES - sum(not one.route.stuck for one in places)
-    if not places:
+        found += [one for one in in_threads(looked_at, looked) if isinstance(one, Place)]
+        missing = PLACES - sum(not one.route.stuck for one in found)
+    if not found:
         return Placement(job.room_from_ct, (), ("looked at closely, no base serves every task all along its way",))
-    places.sort(key=lambda one: len(one.route.stuck))
-    return Placement(job.room_from_ct, tuple(places[:PLACES]), ())
+    found.sort(key=lambda one: len(one.route.stuck))
+    return Placement(job.room_from_ct, tuple(found[:PLACES]), ())
 
 
-def _elsewhere(
-    coarse: Problem, closer: Problem, bases: FloatArray, most: FloatArray, each: NDArray[np.bool_]
+def _further(
+    coarse: Problem, closer: Problem, places: FloatArray, climbed: Climbed
 ) -> tuple[Problem, FloatArray, FloatArray]:
-    """Return the rolls and the bases (N, 4) to go on with where none of the grid's serves all, and their worths (N,).
+    """Return the rolls and the places (N, 4) to go on with where none of the grid's serves all, and their worths (N,).
 
-    ``most`` and ``each``: what `serving_most` returns of these.
+    ``climbed`` is what `serving_most` returns of the grid's ``places``.
     """
-    further = most if each.all(axis=1).any() else scattered(coarse, SCATTERED)
-    found = worths(coarse, further)
-    if (found >= 0.0).any():
-        return coarse, further, found
+    further = climbed.places if climbed.served.all(axis=1).any() else scattered(coarse, SCATTERED)
+    values = worths(coarse, further)
+    if (values >= 0.0).any():
+        return coarse, further, values
     # A floor of one base is not refused for rolls by which that base, once parked, serves all.
-    asked = np.concatenate([bases, most[-CLIMBING:]])
+    asked = np.concatenate([places, climbed.tops])
     return closer, asked, worths(closer, asked)
 
 
@@ -145,45 +144,46 @@ def check_parked(job: Job, room_from_r: FloatArray) -> Placement:
     return Placement(job.room_from_ct, (), tuple(told))
 
 
-def _place(job: Job, fine: Problem, base: FloatArray, sure: float | None) -> Place | list[int]:
+def _place(job: Job, fine: Problem, room_from_r: FloatArray, sure: float | None) -> Place | list[int]:
     """Return the base looked at closely, or the numbers of the tasks that it does not serve."""
-    served = serve(fine, job.tasks, base)
+    served = serve(fine, job.tasks, room_from_r)
     missing = [n for n, one in enumerate(served) if one is None]
     if missing:
         return missing
     whole = tuple(one for one in served if one is not None)
-    route, turned = plan_route(fine, base, whole, np.array(job.room.reference_deg))
-    ways = [(f"on the way of {one.name}", one.angles_deg) for one in turned]
-    ways += [
+    route, turned = plan_route(fine, room_from_r, whole, np.array(job.room.reference_deg))
+    passages = [(f"on the way of {one.name}", one.angles_deg) for one in turned]
+    passages += [
         (f"between {a} and {b}", np.array([start, end]))
         for (a, start), (b, end) in itertools.pairwise(route.corners)
     ]
-    near = what_comes_near(fine.machine, ways, job.body_names, job.room.margins.clearance_mm)
-    return Place(base, turned, route, sure, near)
+    near = what_comes_near(fine.machine, passages, job.body_names, job.room.margins.clearance_mm)
+    return Place(room_from_r, turned, route, sure, near)
 
 
-def _blocked(job: Job, coarse: Problem, bases: FloatArray, each: NDArray[np.bool_]) -> tuple[str, ...]:
-    """Say why none of ``bases`` (N, 4), which serve ``each`` task or not (N, T), serves everything.
+def _blocked(job: Job, coarse: Problem, climbed: Climbed) -> tuple[str, ...]:
+    """Say why none of the places that were ``climbed`` from and to serves everything.
 
     That is what no base serves at all, or what the best of them leaves out.
     """
-    if not blocking.is_parked(coarse, bases):
+    places, served = climbed.places, climbed.served
+    if not blocking.is_parked(coarse, places):
         return (blocking.Blocked(blocking.UNPARKED, -np.inf, 0, 0).sentence(job, TRIED_ALL),)
-    most = int(each.sum(axis=1).argmax())
-    best = bases[[most]]
-    never = np.flatnonzero(~each.any(axis=0))
+    most = int(served.sum(axis=1).argmax())
+    best = places[[most]]
+    never = np.flatnonzero(~served.any(axis=0))
     if len(never):
-        return tuple(_sentence(job, coarse, int(n), bases, TRIED_ALL, best) for n in never)
+        return tuple(_sentence(job, coarse, int(n), places, TRIED_ALL, best) for n in never)
     told = [
         _sentence(job, coarse, int(n), best, "from the base that serves most", best)
-        for n in np.flatnonzero(~each[most])
+        for n in np.flatnonzero(~served[most])
     ]
     return ("each task is served by some base, but no base that was tried serves all", *told)
 
 
-def _sentence(job: Job, problem: Problem, number: int, bases: FloatArray, where: str, best: FloatArray) -> str:
+def _sentence(job: Job, problem: Problem, number: int, places: FloatArray, where: str, best: FloatArray) -> str:
     task = job.tasks[number]
-    why = blocking.best_of(problem, number, bases).sentence(job, where)
+    why = blocking.best_of(problem, number, places).sentence(job, where)
     told = f"{task.kind} {task.name}: {why}"
     if task.kind == "marker":
         return told
@@ -191,7 +191,7 @@ def _sentence(job: Job, problem: Problem, number: int, bases: FloatArray, where:
 
 
 def _other_entry(job: Job, task: Task, best: FloatArray) -> str:
-    """Say which entry near that of a blocked trajectory the ``best`` base (1, 4) serves."""
+    """Say which entry near that of a blocked trajectory is served from the ``best`` place (1, 4)."""
     target = task.ends_mm[0]
     entries, turns = blocking.entries_beside(task, job.world)
     for turn in np.unique(turns):

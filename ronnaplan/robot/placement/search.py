@@ -157,25 +157,25 @@ def refine(problem: Problem, start: FloatArray, worth: float) -> tuple[FloatArra
     return _bettered(problem, start, worth, np.array(FIRST_STEP), lambda: SIDES)
 
 
-def refined(problem: Problem, places: FloatArray, found: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return places (M, 4) and their worths (M,) refined from the best of ``places`` (N, 4), of worths ``found`` (N,).
+def refined(problem: Problem, places: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return places (M, 4) and their worths (M,) refined from the best of ``places`` (N, 4), of worths ``values`` (N,).
 
     They start from the best of all and from the best apart. Where what limits the very best cannot be bettered, as a
     view that is as poor from every base, those that are alike in it are refined further in their joints.
     """
-    starts = {*best_apart(places, found, ALTERNATIVES), *best_apart(places, found, STARTS, 0.0)}
-    each = [refine(problem, places[n], float(found[n])) for n in sorted(starts)]
-    tops, values = np.array([place for place, _ in each]).reshape(-1, 4), np.array([worth for _, worth in each])
-    if not len(values):
-        return tops, values
-    asked = asking(problem, float(values.max()))
-    alike = np.flatnonzero(values >= values.max() * (1 - SLACK))
+    starts = {*best_apart(places, values, ALTERNATIVES), *best_apart(places, values, STARTS, 0.0)}
+    each = [refine(problem, places[n], float(values[n])) for n in sorted(starts)]
+    tops, better = np.array([place for place, _ in each]).reshape(-1, 4), np.array([worth for _, worth in each])
+    if not len(better):
+        return tops, better
+    asked = asking(problem, float(better.max()))
+    alike = np.flatnonzero(better >= better.max() * (1 - SLACK))
     by_joints = worths(asked, tops[alike])
     for n in np.argsort(-by_joints)[:STARTS]:
-        tops[alike[n]], values[alike[n]] = refine(asked, tops[alike[n]], float(by_joints[n]))
-    best = int(values.argmax())
-    tops[best], values[best] = polished(asked, tops[best], float(worths(asked, tops[[best]])[0]))
-    return tops, values
+        tops[alike[n]], better[alike[n]] = refine(asked, tops[alike[n]], float(by_joints[n]))
+    best = int(better.argmax())
+    tops[best], better[best] = polished(asked, tops[best], float(worths(asked, tops[[best]])[0]))
+    return tops, better
 
 
 def polished(problem: Problem, place: FloatArray, worth: float) -> tuple[FloatArray, float]:
@@ -228,17 +228,17 @@ def asking(problem: Problem, worth: float) -> Problem:
     )
 
 
-def alternatives(problem: Problem, places: FloatArray, found: FloatArray) -> Iterator[FloatArray]:
+def alternatives(problem: Problem, places: FloatArray, values: FloatArray) -> Iterator[FloatArray]:
     """Yield the best place (4,) apart from all that are taken, refined from the best of ``places`` (N, 4), and so on.
 
-    ``found`` (N,) are their worths.
+    ``values`` (N,) are their worths.
     """
     while True:
-        free = np.where(_is_apart(places, problem.taken), found, -1.0)
+        free = np.where(_is_apart(places, problem.taken), values, -1.0)
         best = int(free.argmax())
         if free[best] < 0.0:
             return
-        place, _ = refine(problem, places[best], float(found[best]))
+        place, _ = refine(problem, places[best], float(values[best]))
         yield place
         problem = replace(problem, taken=(*problem.taken, place))
 
@@ -251,11 +251,11 @@ def _is_apart(places: FloatArray, others: Sequence[FloatArray]) -> NDArray[np.bo
     return apart
 
 
-def best_apart(places: FloatArray, found: FloatArray, count: int, apart_mm: float = APART_MM) -> list[int]:
+def best_apart(places: FloatArray, values: FloatArray, count: int, apart_mm: float = APART_MM) -> list[int]:
     """Return the numbers of up to ``count`` of the best places (N, 4) that serve all, ``apart_mm`` from each other."""
     chosen: list[int] = []
-    for n in np.argsort(-found, kind="stable"):
-        if found[n] < 0.0 or len(chosen) == count:
+    for n in np.argsort(-values, kind="stable"):
+        if values[n] < 0.0 or len(chosen) == count:
             break
         if all(np.linalg.norm(places[n, :3] - places[other, :3]) >= apart_mm for other in chosen):
             chosen.append(int(n))
