@@ -104,12 +104,12 @@ def _by_tracker(arguments: argparse.Namespace) -> ChainDocument:
             "TCP's in R"
         )
     capture = Capture(
-        seen, hand_eye.tool_pose, robot_pose(driven, arguments.sigma_robot, arguments.sigma_robot_deg)
+        seen, hand_eye.tcp_in_m, robot_pose(driven, arguments.sigma_robot, arguments.sigma_robot_deg)
     )
     notes = (*registration.doubts, *registration.notes, *hand_eye.notes, *tracker.notes, *robot.notes)
     notes += (*uncounted(tracker, tool), *uncounted(robot))
     notes += other_tool(hand_eye.tool, tool or next(iter(tracker.tool_names), None))
-    notes += elsewhere(capture, hand_eye.base_pose)
+    notes += elsewhere(capture, hand_eye.tracker_in_r)
     middle = np.array([pair.center for pair in registration.pairs]).mean(axis=0)
     return tracked_chain(registration.pose, capture, registration.source, middle, notes)
 

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterable, Sequence
 
 from ronnaplan.cli.output import tell, warn
-from ronnaplan.cli.robot_options import RECORDED, calibrated_tool, other_tool, with_output, with_tool, worth
+from ronnaplan.cli.robot_options import RECORDED, calibrated_tool, error_told, other_tool, with_output, with_tool
 
 HELP = "Find M from TCP (and R from OTS) from simultaneous poses of tracker and robot."
 
@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     tell(
         f"M from TCP of {counted} poses, which are off by {found.rotation_rms_deg:.3f} degrees and "
         f"{found.translation_rms_mm:.3f} mm RMS",
-        worth("its error at the TCP", found.m_from_tcp.point_covariances([[0.0, 0.0, 0.0]])),
+        error_told("its error at the TCP", found.m_from_tcp.point_covariances([[0.0, 0.0, 0.0]])),
     )
     if pivot is not None:
         try:

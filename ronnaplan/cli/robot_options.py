@@ -41,7 +41,7 @@ def with_robot_sigmas(parser: Declares) -> None:
     )
     parser.add_argument(
         "--sigma-robot-deg",
-        type=degrees,
+        type=sigma_deg,
         default=SIGMA_ROBOT_DEG,
         metavar="DEG",
         help="error of the robot's rotation per axis (default %(default)s)",
@@ -75,7 +75,7 @@ def with_output(parser: Declares, what: str) -> None:
     parser.add_argument("-o", "--output", metavar="FILE", help=f"{what} (default: standard output)")
 
 
-def degrees(text: str) -> float:
+def sigma_deg(text: str) -> float:
     """Return a standard deviation in degrees."""
     value = number(text)
     if not 0 < value <= 10:
@@ -129,7 +129,7 @@ def other_tool(calibrated: str, seen: str | None) -> tuple[str, ...]:
     return (f"the calibration is of the tool '{calibrated}', the tracker's recording of '{seen}'",)
 
 
-def worth(what: str, covariances: FloatArray) -> str:
+def error_told(what: str, covariances: FloatArray) -> str:
     """Say the error of the first of ``covariances`` (N, 3, 3)."""
     from ronnaplan.geometry import rms_mm
 

@@ -6,8 +6,8 @@ import argparse
 
 from ronnaplan.cli.output import tell, warn
 from ronnaplan.cli.robot_options import (
-    degrees,
     read_looks,
+    sigma_deg,
     size_mm,
     with_largest_error,
     with_output,
@@ -29,7 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     with_largest_error(parser, "a marker")
     parser.add_argument(
         "--lamp-offset",
-        type=degrees,
+        type=sigma_deg,
         default=SIGMA_LAMP_DEG,
         metavar="DEG",
         help="how far the middle of a lamp about a lens is from the lens, as seen from the marker, one standard "

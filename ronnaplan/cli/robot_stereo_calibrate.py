@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from ronnaplan.cli.output import tell, warn
-from ronnaplan.cli.robot_options import read_looks, size_mm, with_largest_error, with_output, worth
+from ronnaplan.cli.robot_options import error_told, read_looks, size_mm, with_largest_error, with_output
 from ronnaplan.cli.values import number
 from ronnaplan.sigmas import SIGMA_SQUARE
 
@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
     tell(
         f"cameras of {cameras.boards_used} boards, off by {cameras.rms_px:.3f} pixels RMS",
         f"the resting sphere's {len(looks)} places scatter by {tcp.sd_mm:.4f} mm per axis",
-        worth(
+        error_told(
             "error of a sphere there by tcp_from_rig", tcp.tcp_from_rig.point_covariances([spheres[0].position_mm])
         ),
     )

@@ -82,12 +82,12 @@ class HandEyeDocument(DocumentModel):
     software: Software
 
     @property
-    def tool_pose(self) -> Pose:
+    def tcp_in_m(self) -> Pose:
         """M from TCP."""
         return self.m_from_tcp.pose(M, TCP)
 
     @property
-    def base_pose(self) -> Pose:
+    def tracker_in_r(self) -> Pose:
         """R from OTS while it was recorded."""
         return self.robot_from_ots.pose(R, OTS)
 

@@ -19,8 +19,8 @@ OTHER_UNITS_MM = {"cm": 10.0, "inches": 25.4, "tenths of a mm": 0.1}
 """Units in which a recording's places are not seen to be no mm; of metres they are."""
 
 
-def elsewhere(capture: Capture, base: Pose) -> tuple[str, ...]:
-    """Say that in ``capture`` R does not stand to OTS as in ``base``, R from OTS when the tool was calibrated.
+def elsewhere(capture: Capture, robot_from_ots: Pose) -> tuple[str, ...]:
+    """Say that in ``capture`` R from OTS is not ``robot_from_ots``, as it was when the tool was calibrated.
 
     Nothing is said where it does. Raises `RefusedError` where a mistake in the poses explains it.
     """
@@ -28,13 +28,13 @@ def elsewhere(capture: Capture, base: Pose) -> tuple[str, ...]:
     def stand(tracker: FloatArray, robot: FloatArray) -> bool:
         seen = replace(capture.ots_from_m, matrix=tracker[0])
         driven = replace(capture.robot_from_tcp, matrix=robot[0])
-        shift_mm, turn_deg = replace(capture, ots_from_m=seen, robot_from_tcp=driven).moved_since(base)
+        shift_mm, turn_deg = replace(capture, ots_from_m=seen, robot_from_tcp=driven).moved_since(robot_from_ots)
         return shift_mm < ELSEWHERE_MM and turn_deg < ELSEWHERE_DEG
 
     tracker, robot = capture.ots_from_m.matrix[None], capture.robot_from_tcp.matrix[None]
     if stand(tracker, robot):
         return ()
-    shift_mm, turn_deg = capture.moved_since(base)
+    shift_mm, turn_deg = capture.moved_since(robot_from_ots)
     said = (
         f"robot and tracker stand {shift_mm:.0f} mm and {turn_deg:.1f} degrees otherwise to each other than in the "
         "hand-eye calibration"

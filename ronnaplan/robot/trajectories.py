@@ -18,6 +18,8 @@ from ronnaplan.text import listed
 
 NEARLY_ALONG_DEG = 20.0
 """A tool's roll whose x axis is asked so near to its trajectory turns three times as far as trajectories differ."""
+ALONG = 1e-3
+"""An x axis whose sine to the trajectory is less has no direction across it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +118,7 @@ def _tool_axes(advance: FloatArray, x_axis: FloatArray, name: str) -> FloatArray
         raise InputError(f"the tool's x axis has shape {x_axis.shape}; expected a direction (3,)")
     z = unit(advance)
     side = unit(x_axis) - z * (unit(x_axis) @ z)
-    if np.linalg.norm(side) < 1e-3:
+    if np.linalg.norm(side) < ALONG:
         raise InputError(f"the tool's x axis was asked along the trajectory {name}; choose another direction")
     x = unit(side)
     return np.column_stack([x, np.cross(z, x), z])

@@ -159,7 +159,7 @@ def test_the_commands_write_what_the_functions_return(home: Path) -> None:
         read_recording(session / f"hand_eye_{who}.csv").poses("tool") for who in ("tracker", "robot")
     )
     tool = with_tip(calibrate_hand_eye(tracker, robot), pivot.tip_mm, pivot.tip_covariance_mm2).m_from_tcp
-    found = read_hand_eye(home / "hand-eye.json").tool_pose
+    found = read_hand_eye(home / "hand-eye.json").tcp_in_m
     np.testing.assert_allclose(found.matrix, tool.matrix, atol=1e-12)
     np.testing.assert_allclose(found.covariance, tool.covariance, atol=1e-15)
 
@@ -455,7 +455,7 @@ def test_recordings_with_quaternions_need_no_name_of_the_tool(
     assert main(["robot", "hand-eye", *both, "--pivot", pivot, "-o", hand_eye]) == 0
     found, same = read_hand_eye(hand_eye), read_hand_eye(home / "hand-eye.json")
     assert found.tool == same.tool == "tool"
-    np.testing.assert_allclose(found.tool_pose.matrix, same.tool_pose.matrix, atol=1e-4)
+    np.testing.assert_allclose(found.tcp_in_m.matrix, same.tcp_in_m.matrix, atol=1e-4)
     chain = ["--registration", str(home / "registration.json"), "--geometry", str(session / "tool.json")]
     rest = ["--tracker", str(tmp_path / "rest_tracker.csv"), "--robot", str(session / "rest_robot.csv")]
     capsys.readouterr()
