@@ -118,16 +118,16 @@ def _live(arguments: argparse.Namespace, chain: ChainDocument) -> LiveChain:
             "make the chain anew"
         )
     return LiveChain(
-        registration.readings,
-        pose,
-        chain.links.capture,
-        read_template_document(arguments.geometry).placed(M, arguments.sigma_geometry),
-        arguments.tool,
-        arguments.robot_device,
-        arguments.sigma_ots,
-        arguments.sigma_robot,
-        arguments.sigma_robot_deg,
-        arguments.head_device,
+        head=registration.readings,
+        ots_from_ct=pose,
+        capture=chain.links.capture,
+        tool=read_template_document(arguments.geometry).placed(M, arguments.sigma_geometry),
+        tool_device=arguments.tool,
+        robot_device=arguments.robot_device,
+        sigma_mm=arguments.sigma_ots,
+        sigma_robot_mm=arguments.sigma_robot,
+        sigma_robot_deg=arguments.sigma_robot_deg,
+        head_device=arguments.head_device,
     )
 
 

@@ -14,7 +14,7 @@ from ronnaplan.planning import Plan
 from ronnaplan.pose import transform_points
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.forward import forward, link_frames
-from ronnaplan.robot.arm.wrist import center_mm, shoulder_mm, stretched_mm, wrist_of
+from ronnaplan.robot.arm.wrist import center_mm, reach_mm, shoulder_mm, wrist_of
 from ronnaplan.robot.placement.machine import bodies_of
 from ronnaplan.robot.placement.placement import Place, Placement
 from ronnaplan.robot.placement.room import Box, Room, Tool, base_place
@@ -103,7 +103,7 @@ def _robot(arm: SerialArm, room: Room, place: Place) -> dict[str, Any]:
             for one in room.floor.trolley
         ],
         "shoulder": tuple(transform_points(place.room_from_r, shoulder_mm(wrist)[None])[0].tolist()),
-        "reach": float(np.hypot(abs(wrist.axis_2[0]) + stretched_mm(wrist), wrist.beside)) + tool_mm,
+        "reach": float(np.hypot(reach_mm(wrist), wrist.beside)) + tool_mm,
     }
 
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ronnaplan.documents.room import RoomDocument
-from ronnaplan.robot.arm.wrist import wrist_of
-from ronnaplan.robot.placement.reference import proposed_deg, reach_mm
+from ronnaplan.robot.arm.wrist import reach_mm, wrist_of
+from ronnaplan.robot.placement.reference import proposed_deg
 from ronnaplan.robot.placement.room import Capsule, Room
 from ronnaplan.untrusted import checked
 

@@ -166,12 +166,12 @@ def _found(fit: Fit, then: Matched, late: Late | None) -> HandEye:
     rotation_deg, translation_mm = rms(fit.error)
     left, right = fit.left, fit.right
     return HandEye(
-        Pose(right, carried(right, covariance[6:12, 6:12]), M, TCP),
-        Pose(left, carried(left, covariance[:6, :6]), R, OTS),
-        rotation_deg,
-        translation_mm,
-        float(np.sqrt(((fit.error @ point_jacobian(right[:3, 3]).T) ** 2).sum(axis=1).mean())),
-        suspected.in_units(suspicion),
+        m_from_tcp=Pose(right, carried(right, covariance[6:12, 6:12]), M, TCP),
+        robot_from_ots=Pose(left, carried(left, covariance[:6, :6]), R, OTS),
+        rotation_rms_deg=rotation_deg,
+        translation_rms_mm=translation_mm,
+        tcp_rms_mm=float(np.sqrt(((fit.error @ point_jacobian(right[:3, 3]).T) ** 2).sum(axis=1).mean())),
+        by_pose=suspected.in_units(suspicion),
     )
 
 

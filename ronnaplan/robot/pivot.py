@@ -123,14 +123,14 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
     length = np.linalg.norm(residual, axis=1) * sd_mm
     repeated = told[which] != np.arange(len(offered))
     found = PivotCalibration(
-        solution[:3],
-        covariance[:3, :3],
-        solution[3:6],
-        covariance[3:6, 3:6],
-        length[which],
-        ~kept[which] & ~repeated,
-        robust_sd(length, 0.0),
-        repeated,
+        tip_mm=solution[:3],
+        tip_covariance_mm2=covariance[:3, :3],
+        pivot_mm=solution[3:6],
+        pivot_covariance_mm2=covariance[3:6, 3:6],
+        residuals_mm=length[which],
+        slipped=~kept[which] & ~repeated,
+        sd_mm=robust_sd(length, 0.0),
+        repeated=repeated,
     )
     _require_tip(found, matrices)
     return found

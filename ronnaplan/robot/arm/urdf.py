@@ -92,15 +92,16 @@ def _arm(root: ElementTree.Element, tip: str | None, base: str | None) -> UrdfAr
         raise InputError("no joint of the chain turns; name the link at its end")
     place = _with_fixed(joints, place)
     bodies, shapeless = _bodies(links, place)
+    tools = {name: np.linalg.inv(before) @ frame for name, (moved, frame) in place.items() if moved == len(names)}
     arm = SerialArm(
-        name_of(root, "the robot") if "name" in root.attrib else "arm",
-        tuple(names),
-        np.array(origins),
-        np.array(axes),
-        np.array(limits),
-        before,
-        bodies,
-        {name: np.linalg.inv(before) @ frame for name, (moved, frame) in place.items() if moved == len(names)},
+        name=name_of(root, "the robot") if "name" in root.attrib else "arm",
+        joints=tuple(names),
+        origins=np.array(origins),
+        axes=np.array(axes),
+        limits_rad=np.array(limits),
+        flange=before,
+        bodies=bodies,
+        frames=tools,
         base_link=base or chain[0].parent,
         flange_link=chain[-1].child,
     )

@@ -127,27 +127,27 @@ def _seen(arm: SerialArm, found: kinds.Axes, flange: FloatArray, backwards: bool
     at_wrist = np.column_stack([np.cross(axes[4], axes[3]), axes[4], axes[3]])
     bend = float(np.arctan2(axes[5] @ at_wrist[:, 0], axes[5] @ at_wrist[:, 2]))
     return Wrist(
-        found.off,
-        found.parallel,
-        backwards,
-        shoulder,
-        places[0].copy(),
-        flange[:3, :3].T @ (found.center - flange[:3, 3]),
-        two[two_of],
-        (three - two)[two_of],
-        (end - three)[two_of],
-        (wrist - end)[two_of],
-        0.0 if backwards else float(wrist[1]),
-        plane,
-        elbow_sign,
-        float(np.sign(axes[1] @ axes[3])) if found.parallel else 0.0,
-        -1.0 if backwards else elbow_sign,
-        (in_plane @ at_wrist).T.copy(),
-        flange[:3, :3].T @ at_wrist @ _about_y(bend),
-        bend,
-        arm.limits_rad.mean(axis=1),
-        np.ascontiguousarray(arm.limits_rad),
-        chain_of(arm),
+        off=found.off,
+        parallel=found.parallel,
+        backwards=backwards,
+        shoulder=shoulder,
+        origin=places[0].copy(),
+        center=flange[:3, :3].T @ (found.center - flange[:3, 3]),
+        axis_2=two[two_of],
+        upper=(three - two)[two_of],
+        lower=(end - three)[two_of],
+        hand=(wrist - end)[two_of],
+        beside=0.0 if backwards else float(wrist[1]),
+        plane=plane,
+        elbow_sign=elbow_sign,
+        hand_sign=float(np.sign(axes[1] @ axes[3])) if found.parallel else 0.0,
+        handed=-1.0 if backwards else elbow_sign,
+        to_wrist=(in_plane @ at_wrist).T.copy(),
+        from_flange=flange[:3, :3].T @ at_wrist @ _about_y(bend),
+        bend=bend,
+        middles=arm.limits_rad.mean(axis=1),
+        limits=np.ascontiguousarray(arm.limits_rad),
+        chain=chain_of(arm),
     )
 
 
@@ -173,6 +173,11 @@ def center_mm(wrist: Wrist) -> FloatArray:
 def stretched_mm(wrist: Wrist) -> float:
     """Return how far from axis 2 the wrist's center comes in the arm's plane, or from where a shoulder's axes meet."""
     return float(sum(np.linalg.norm(part) for part in (wrist.upper, wrist.lower, wrist.hand)))
+
+
+def reach_mm(wrist: Wrist) -> float:
+    """Return how far from axis 1 the wrist's center comes, with the arm stretched."""
+    return float(stretched_mm(wrist) + abs(wrist.axis_2[0]))
 
 
 def _otherwise(arm: SerialArm) -> str:

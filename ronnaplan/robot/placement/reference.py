@@ -13,7 +13,7 @@ from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.forward import link_frames
 from ronnaplan.robot.arm.inverse import inverse
 from ronnaplan.robot.arm.quality import joint_margins_deg, singularity_deg
-from ronnaplan.robot.arm.wrist import Wrist, shoulder_mm, stretched_mm, wrist_of
+from ronnaplan.robot.arm.wrist import Wrist, reach_mm, shoulder_mm, wrist_of
 from ronnaplan.robot.placement.clearances import posture_margins, standing_on
 from ronnaplan.robot.placement.machine import machine_in_any
 from ronnaplan.robot.placement.room import Room
@@ -72,11 +72,6 @@ def _flanges(wrist: Wrist, arm: SerialArm) -> tuple[FloatArray, FloatArray]:
         aside_deg = abs(down_deg - BEST_DOWN_DEG)
         departures.append(abs(forwards - BEST_AHEAD) + abs(above - BEST_UP) + np.radians(aside_deg))
     return np.array(poses), np.array(departures)
-
-
-def reach_mm(wrist: Wrist) -> float:
-    """Return how far from axis 1 the wrist's center comes, with the arm stretched."""
-    return float(stretched_mm(wrist) + abs(wrist.axis_2[0]))
 
 
 def _mounted(wrist: Wrist, arm: SerialArm) -> FloatArray:

@@ -53,11 +53,11 @@ def _served(problem: Problem, task: Task, number: int, base: FloatArray, way: in
     along = np.array([posture_margins(machine, world, standing, instrument, one, np.inf, True) for one in kept])
     joint, singular = np.degrees(margins[posture])
     return Served(
-        task.name,
-        task.kind,
-        np.degrees(kept),
-        float(joint),
-        float(singular),
-        float(along[:, 0].min()),
-        float(np.degrees(along[:, 1].min())),
+        name=task.name,
+        kind=task.kind,
+        angles_deg=np.degrees(kept),
+        joint_deg=float(joint),
+        singularity_deg=float(singular),
+        clearance_mm=float(along[:, 0].min()),
+        tracker_deg=float(np.degrees(along[:, 1].min())),
     )

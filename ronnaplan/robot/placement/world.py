@@ -85,16 +85,16 @@ def world_of(
         sight[WIDEST] = np.radians(room.tool.marker.seen_deg)
     needs = room.margins
     return World(
-        box_rows(room.boxes),
-        np.array([capsule_row(one) for one in room.capsules]).reshape(-1, 7),
-        head,
-        len(scalp),
-        gathered,
-        np.cumsum([0, *counts]),
-        np.array([*middle, reach]),
-        np.zeros(3) if tracker_mm is None else np.array(tracker_mm, dtype=np.float64),
-        sight,
-        np.array(
+        boxes=box_rows(room.boxes),
+        capsules=np.array([capsule_row(one) for one in room.capsules]).reshape(-1, 7),
+        head=head,
+        scalp=len(scalp),
+        gathered=gathered,
+        firsts=np.cumsum([0, *counts]),
+        head_ball=np.array([*middle, reach]),
+        tracker=np.zeros(3) if tracker_mm is None else np.array(tracker_mm, dtype=np.float64),
+        sight=sight,
+        needs=np.array(
             [
                 np.radians(needs.joint_deg),
                 np.radians(needs.singularity_deg),
@@ -102,7 +102,7 @@ def world_of(
                 np.radians(needs.tracker_deg),
             ]
         ),
-        np.array([PLENTY_MM, np.radians(PLENTY_DEG)]),
+        plenty=np.array([PLENTY_MM, np.radians(PLENTY_DEG)]),
     )
 
 
