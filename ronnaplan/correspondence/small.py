@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.correspondence.anisotropic import anisotropic_log_evidence
+from ronnaplan.correspondence.anisotropic import anisotropic_body, anisotropic_log_evidence
 from ronnaplan.correspondence.evidence import GATE_CHI2, MOST_ODDS_IF_LARGER, SCALES, is_collinear
 from ronnaplan.correspondence.exact import LISTED_NATS, in_volume, search
 from ronnaplan.correspondence.pairing import (
@@ -32,7 +32,7 @@ from ronnaplan.correspondence.rivals import (
     other_body,
     regular_odds,
 )
-from ronnaplan.correspondence.strays import side_by_side
+from ronnaplan.correspondence.strays import side_by_side, told_twice
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.geometry import FloatArray
 
@@ -134,6 +134,7 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
         return Pairing.unmatched(reason, probability, rivals)
     if probability < least_probability:
         reason = f"the best pairing has probability {probability:.4g}, at least {least_probability:g} is required"
+        reason += told_twice(problem, weighed.partners[0])
         touch = best_touch(weighed, posterior)
         if other > 1.0 - least_probability:
             reason, touch = TWO_BODIES, int(pairs_of(weighed.partners[0])[0, 0])  # of the one or of the other
@@ -235,6 +236,8 @@ def odds_of_another_body(problem: Problem, partner: IntArray, gate_chi2: float =
         partner.astype(np.int16),
         gate_chi2,
     )
+    if count and problem.is_anisotropic:  # the kernel's weights bound the evidence from above
+        count, real = anisotropic_body(problem, partner, gate_chi2) or (count, real)
     size = int((partner >= 0).sum())
     if count == 0 or (count < size and not problem.told.allows(count)):
         return 0.0

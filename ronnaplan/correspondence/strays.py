@@ -20,6 +20,7 @@ from kernelcache import njit
 from ronnaplan.correspondence.densities import BESIDE_SIGMAS, ROUNDS, Densities, density
 from ronnaplan.correspondence.evidence import LEAST_SCALE, SCALES
 from ronnaplan.correspondence.pairing import IntArray
+from ronnaplan.correspondence.problem import Problem, pairs_of
 from ronnaplan.correspondence.refining import PAIR_SIGMAS
 from ronnaplan.geometry import FloatArray
 
@@ -141,3 +142,15 @@ def side_by_side(ct: FloatArray, ots: FloatArray, variances: FloatArray) -> NDAr
             if ((ct[a] - ct[b]) ** 2).sum() < reach2 and ((ots[a] - ots[b]) ** 2).sum() < reach2:
                 beside[a] = beside[b] = True
     return beside
+
+
+def told_twice(problem: Problem, partner: IntArray) -> str:
+    """Say how near a point lies to one that ``partner`` (n,) pairs, where one marker may have been read twice."""
+    i, j = pairs_of(partner).T
+    reach_mm = PAIR_SIGMAS * math.sqrt(float(problem.pair_variances(i, j).min()))
+    for points, paired, name in ((problem.ct, i, "CT points"), (problem.ots, j, "readings")):
+        gap = np.linalg.norm(points[paired, None] - points, axis=2)
+        gap[np.arange(len(paired)), paired] = np.inf
+        if gap.min() < reach_mm:
+            return f"; two {name} lie {gap.min():.1f} mm apart: if one marker was read twice, leave one out"
+    return ""

@@ -5,14 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ronnaplan.correspondence import match_points
 from ronnaplan.correspondence.bodies import odds_by_size, odds_of_body_beside, odds_of_rivals
 from ronnaplan.correspondence.chance import Claims
+from ronnaplan.correspondence.pairing import TWO_BODIES, Pairing
 from ronnaplan.correspondence.poses import Search, find_poses, refined_poses, weighed_with
 from ronnaplan.correspondence.rivals import LOG_ODDS_PER_PAIR
 from ronnaplan.correspondence.weighing import is_alike, left_by
-from tests.correspondence.scenes import SIGMA_CT, SIGMA_OTS, apart, ball, bodies, scene
+from ronnaplan.geometry import FloatArray
+from tests.correspondence.scenes import HEAD, SIGMA_CT, SIGMA_OTS, apart, ball, bodies, scene
 from tests.correspondence.test_poses import problem_of
 
 
@@ -189,3 +192,32 @@ def test_another_order_of_the_same_markers_is_no_body_beside_them(seed: int) -> 
     square = np.array([[0.0, 40.0, 0.0], [0.0, -30.0, 0.0], [35.0, 5.0, 0.0], [-35.0, 5.0, 0.0]])
     ct, ots, _ = scene(seed, markers=4, outliers=13, layout=square, radius=150.0)
     assert match_points(ct, ots).status == "ambiguous"
+
+
+THICK_SLICES_MM2, DEEP_MM2 = np.diag([0.05, 0.05, 0.6]) ** 2, np.diag([0.1, 0.1, 0.5]) ** 2
+"""Errors along each axis: of bone screws in thick slices, and of a tracker that errs more in depth."""
+
+
+def of_thick_slices(rng: np.random.Generator, ct: FloatArray, ots: FloatArray) -> Pairing:
+    """Pair points that err along each axis as they do in thick slices, and in a tracker's depth, and are so stated."""
+    ct = ct + rng.normal(size=ct.shape) * np.sqrt(np.diag(THICK_SLICES_MM2))
+    ots = ots + rng.normal(size=ots.shape) * np.sqrt(np.diag(DEEP_MM2))
+    ct_mm2, ots_mm2 = np.tile(THICK_SLICES_MM2, (len(ct), 1, 1)), np.tile(DEEP_MM2, (len(ots), 1, 1))
+    return match_points(ct, ots, covariances_ct_mm2=ct_mm2, covariances_ots_mm2=ots_mm2)
+
+
+@pytest.mark.parametrize("seed", [2, 3, 7, 8, 9])
+def test_outliers_are_no_body_for_the_largest_of_their_errors(seed: int) -> None:
+    """Three among six fit by chance where their largest error counts along every axis; along their own they do not."""
+    rng = np.random.default_rng(seed)
+    ct, ots = (np.vstack((HEAD[:5], ball(rng, 6, 300.0))) for _ in range(2))
+    assert of_thick_slices(rng, ct, ots).pairs.tolist() == [[i, i] for i in range(5)]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_an_equal_body_is_one_along_its_own_errors_too(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    places = np.vstack((HEAD[:5], ball(rng, 5, 90.0)))
+    moved = np.vstack((places[:5], places[5:] @ Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix().T + 40.0))
+    answer = of_thick_slices(rng, places, moved)
+    assert (answer.status, answer.reason) == ("ambiguous", TWO_BODIES)

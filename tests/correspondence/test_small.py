@@ -114,6 +114,17 @@ def read_twice(seed: int, markers: int) -> tuple[np.ndarray, np.ndarray, np.ndar
     return np.vstack((ct, ct[0] + way[0])), np.vstack((ots, ots[partner[0]] + way[1])), partner
 
 
+def test_of_three_markers_one_of_which_was_read_twice_it_is_said_that_it_was() -> None:
+    """Only the probability was told, a half."""
+    ct, ots, partner = scene(0, markers=3, outliers=0)
+    twice = np.vstack((ots, ots[partner[0]] + [0.3, 0.0, 0.4]))
+    for pairing, name in ((match_points(ct, twice, 3), "readings"), (match_points(twice, ct, 3), "CT points")):
+        assert pairing.status == "ambiguous"
+        assert f"two {name} lie 0.5 mm apart: if one marker was read twice, leave one out" in pairing.reason
+    square = [[0.0, 0.0, 0.0], [80.0, 0.0, 0.0], [80.0, 80.0, 0.0], [0.0, 80.0, 0.0]]
+    assert "apart" not in match_points(square, square).reason, "markers far from each other are not read twice"
+
+
 def test_of_pairs_side_by_side_neither_is_given() -> None:
     """Of a marker that both sets hold twice two pairs were given, one of them wrong, or all was refused."""
     for seed in range(20):
