@@ -123,11 +123,27 @@ def odds_of_rivals(found: Found) -> float:
     for rival in others:
         if is_other_body(best, rival):
             continue
-        odds, size = math.exp(min(rival.log_evidence - best.log_evidence, 0.0)), len(rival.pairs)
-        if size >= LEAST_REGULAR and fits_as_well(best.chi2, len(best.pairs), rival.chi2, size):
+        odds = math.exp(min(rival.log_evidence - best.log_evidence, 0.0))
+        if fits_otherwise(best, rival):
             odds = max(odds, odds_by_size(points(best), points(rival)))
         total += odds
     return total
+
+
+def fits_otherwise(best: PairedPose, rival: PairedPose) -> bool:
+    """Tell whether a rival, which is no other body, fits as well as the best: its points are regular."""
+    size = len(rival.pairs)
+    return size >= LEAST_REGULAR and fits_as_well(best.chi2, len(best.pairs), rival.chi2, size)
+
+
+def is_regular(found: Found) -> bool:
+    """Tell whether a pose that is not clearly smaller than the best pairs the points of its body otherwise."""
+    best, *others = found.poses
+    least = len(best.pairs) - FEWER_BESIDE
+    return any(
+        len(pose.pairs) >= least and fits_otherwise(best, pose) and not is_other_body(best, pose)
+        for pose in others
+    )
 
 
 def odds_of_bodies(found: Found, best: PairedPose) -> float:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ronnaplan.correspondence.bodies import (
+    is_regular,
     larger_first,
     odds_of_bodies,
     odds_of_body_beside,
@@ -20,6 +21,7 @@ from ronnaplan.correspondence.lookup import point_grid
 from ronnaplan.correspondence.pairing import (
     LEFT_HANDED,
     MOST_RIVALS,
+    REGULAR,
     TWO_BODIES,
     IntArray,
     Pairing,
@@ -97,30 +99,32 @@ def weighed(views: list[Found], least_probability: float) -> tuple[Pairing, Floa
         return Pairing.unmatched(nothing_found(found)), np.zeros(0)
     best = found.poses[0]
     of_pairs = found.chance.pair_probabilities(best.matrix, best.partner)
-    others = max(odds_of_rivals(found), *(odds_of_bodies(view, best) for view in views))
-    return decided(found, others, of_pairs, least_probability), of_pairs
+    of_bodies = max(odds_of_bodies(view, best) for view in views)
+    return decided(found, (odds_of_rivals(found), of_bodies), of_pairs, least_probability), of_pairs
 
 
-def decided(found: Found, others: float, of_pairs: FloatArray, least_probability: float) -> Pairing:
+def decided(found: Found, others: tuple[float, float], of_pairs: FloatArray, least_probability: float) -> Pairing:
     """Return the pairs of the best pose, or the reason why they are not given.
 
-    ``of_pairs`` are the probabilities that they do not meet by chance, ``others`` the odds of the other poses to the
-    best.
+    ``of_pairs`` are the probabilities that they do not meet by chance, ``others`` the odds of the poses that pair the
+    points of the best otherwise, and of those of other bodies, to the best.
     """
     problem, best, rivals = found.chance.problem, found.poses[0], rivals_of(found.poses)
     beside = odds_of_body_beside(problem, found.poses, of_pairs)
     by_chance = math.exp(min(-best.log_evidence, 700.0))
-    probability = 1.0 / (1.0 + others + beside + found.missed + by_chance)
-    if probability < least_probability and beside > max(others, found.missed, by_chance):
+    probability = 1.0 / (1.0 + max(others) + beside + found.missed + by_chance)
+    if probability < least_probability and beside > max(*others, found.missed, by_chance):
         touch = int(best.pairs[of_pairs.argmax(), 0])  # of the one or of the other
         return Pairing.ambiguous(TWO_BODIES, probability, rivals, touch=touch, doubtful=best.pairs)
     if probability < least_probability:
         reason = f"the best pose has probability {probability:.4g}, at least {least_probability:g} is required"
-        if others < found.missed:
+        if max(others) < found.missed:
             reason = (
                 "the search was given up: the points are so dense or so regular that an equal pose may have been "
                 f"missed (probability {found.missed:.2g}); leave out what is no marker, or state known pairs"
             )
+        elif max(others) > 1.0 - least_probability:
+            reason = TWO_BODIES if others[1] >= others[0] else REGULAR if is_regular(found) else reason
         return Pairing.ambiguous(reason, probability, rivals, touch=telling_point(found.poses))
     own = found.chance.sure_pairs(best.matrix, best.partner)
     certain = own >= least_probability

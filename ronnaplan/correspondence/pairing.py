@@ -31,6 +31,7 @@ LEFT_HANDED = "the mirror image fits far better: the coordinates of one set are 
 TWO_BODIES = (
     "the points hold two rigid bodies, and neither is clearly the larger; remove one, or point at a marker"
 )
+REGULAR = "the markers are laid out regularly and fit in more than one order; point at one, or move one"
 
 Status = Literal["unique", "ambiguous", "unmatched"]
 

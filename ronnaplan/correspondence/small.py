@@ -14,6 +14,7 @@ from ronnaplan.correspondence.exact import LISTED_NATS, in_volume, search
 from ronnaplan.correspondence.pairing import (
     LEFT_HANDED,
     MOST_RIVALS,
+    REGULAR,
     TWO_BODIES,
     IntArray,
     Pairing,
@@ -139,7 +140,7 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
         if other > 1.0 - least_probability:
             reason, touch = TWO_BODIES, int(pairs_of(weighed.partners[0])[0, 0])  # of the one or of the other
         elif regular > 1.0 - least_probability:
-            reason = "the markers are laid out regularly and fit in more than one order; point at one, or move one"
+            reason = REGULAR
         return Pairing.ambiguous(reason, probability, rivals, touch=touch)
     if odds_if_larger(weighed.log_evidence, weighed.chi2, weighed.partners, core) > MOST_ODDS_IF_LARGER:
         reason = (

@@ -141,6 +141,13 @@ def test_of_two_equal_bodies_neither_is_taken(count: int, radii: tuple[float, fl
         assert match_points(ct, ots).status != "unique", seed
 
 
+def test_of_two_equal_bodies_it_is_said_that_there_are_two() -> None:
+    """Only the probability was told."""
+    pairing = match_points(*bodies(0, [20, 20], [90.0, 90.0])[:2])
+    assert "two rigid bodies" in pairing.reason
+    assert pairing.touch is not None
+
+
 @pytest.mark.parametrize(
     ("seed", "count", "outliers"),
     [(36, 6, 14), (135, 9, 25), (141, 9, 23), (194, 8, 20), (277, 7, 7), (380, 8, 24)],

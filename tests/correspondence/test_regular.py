@@ -36,6 +36,15 @@ def test_a_regular_set_is_ambiguous(name: str) -> None:
     assert pairing.reason
 
 
+@pytest.mark.parametrize(("rows", "columns"), [(5, 6), (10, 10)])
+def test_of_a_plate_of_holes_it_is_said_that_they_are_regular(rows: int, columns: int) -> None:
+    """Of more than 16 only the probability was told."""
+    rng = np.random.default_rng(0)
+    holes = 15.0 * np.array([[i, j, 0.0] for i in range(rows) for j in range(columns)])
+    ct, ots = (holes + sigma * rng.normal(size=holes.shape) for sigma in (0.1, SIGMA_OTS))
+    assert "laid out regularly" in match_points(ct, ots, sigma_ct_mm=0.1).reason
+
+
 def test_which_points_each_pose_of_a_regular_set_pairs_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """It was told three times, which took half of the time: 32 markers and fewer took more than 20 ms."""
     told: list[bytes] = []
