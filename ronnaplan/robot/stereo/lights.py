@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.stereo.shading_steps import ASIDE_SD, TILT_SD
@@ -62,7 +61,7 @@ class Sight:
     lens: FloatArray
     """How much darker the lens makes the side away from its axis, as a tilt (2,): RMS of what it may be."""
     shadow_px: float
-    """Error of the center by the ball's own shadow where the lamp is not at the lens."""
+    """Error of the center by the ball's own shadow, of a lamp whose angle to the lens has tangent 1."""
     focal_px: float
 
     def seen(self, away_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -86,7 +85,7 @@ class Lights:
 
 def in_each_light(sights: Sequence[Sight], lamp_sd_deg: float) -> Lights:
     """Return the places of one sphere in each light that may fall on it."""
-    spreads, near_lens, logarithms = _family(sights, lamp_sd_deg)
+    lit, logarithms = _family(sights, lamp_sd_deg)
     count = len(sights)
     known, gains = np.zeros((count, 3, count, 3)), np.zeros((count, 3, count, 6))
     told = np.zeros((count, 6, count, 6))
@@ -95,15 +94,26 @@ def in_each_light(sights: Sequence[Sight], lamp_sd_deg: float) -> Lights:
         told[k, :, k] = sight.covariance[3:, 3:]
     places = np.concatenate([sight.place for sight in sights])
     light = np.concatenate([sight.light for sight in sights])
-    spreads = spreads + told.reshape(6 * count, 6 * count)
+    spreads = lit + told.reshape(6 * count, 6 * count)
     both = gains.reshape(3 * count, 6 * count)
-    turned = both @ np.linalg.inv(spreads)
+    known_light = np.linalg.inv(spreads)
+    turned, lamps = both @ known_light, _lamps(sights, light, lit, lit @ known_light)
     covariances = known.reshape(3 * count, 3 * count) - turned @ both.T
     for k, sight in enumerate(sights):
         for axis in (3 * k, 3 * k + 1):
-            covariances[:, axis, axis] += (COMMON_PX / sight.focal_px) ** 2
-            covariances[~near_lens, axis, axis] += (sight.shadow_px / sight.focal_px) ** 2
+            covariances[:, axis, axis] += (COMMON_PX**2 + sight.shadow_px**2 * lamps[:, k]) / sight.focal_px**2
     return Lights(places - turned @ light, covariances, logarithms + fit(light, spreads))
+
+
+def _lamps(sights: Sequence[Sight], light: FloatArray, lit: FloatArray, shrunk: FloatArray) -> FloatArray:
+    """Return how far the lamp is from the lens in each light (H, K): the tangent's expected square.
+
+    It is what light from aside is in that light once the images are seen: of ``lit`` (H, 6 K, 6 K) beforehand, they
+    tell the part ``shrunk``. What they alone tell of it may be little but their noise.
+    """
+    seen = (shrunk @ light) ** 2 + np.einsum("hii->hi", lit - shrunk @ lit)
+    aside = seen.reshape(len(lit), len(sights), 6)[:, :, 2:].sum(axis=2)
+    return np.asarray(aside / np.array([np.trace(sight.turned) for sight in sights]))
 
 
 def by_turning(profile: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -120,11 +130,8 @@ def by_turning(profile: FloatArray) -> tuple[FloatArray, FloatArray]:
     return told, ANY_SD**2 * (np.outer(limb, limb) + np.outer(drawn, drawn))
 
 
-def _family(sights: Sequence[Sight], lamp_sd_deg: float) -> tuple[FloatArray, NDArray[np.bool_], FloatArray]:
-    """Return each light's covariance (H, 6 K, 6 K), whether its lamp is where it is said to be, and its prior.
-
-    The prior is the logarithm (H) of its probability before looking.
-    """
+def _family(sights: Sequence[Sight], lamp_sd_deg: float) -> tuple[FloatArray, FloatArray]:
+    """Return each light's covariance (H, 6 K, 6 K), and the logarithm (H) of its probability before looking."""
     lamps = np.geomspace(np.radians(lamp_sd_deg), ASIDE_SD, LAMP_SCALES)
     tilts = np.array([0.0, *np.geomspace(EVEN_SD, TILT_SD, TILT_SCALES)[1:]])
     tilt, lamp = (one.ravel()[:, None, None] ** 2 for one in np.meshgrid(tilts, lamps))
@@ -141,7 +148,7 @@ def _family(sights: Sequence[Sight], lamp_sd_deg: float) -> tuple[FloatArray, ND
     families = [(1 - ONE_BALL, apart), (ONE_BALL, one_ball)] if count > 1 else [(1.0, apart)]
     spreads = np.concatenate([spread for _, spread in families]).reshape(-1, 6 * count, 6 * count)
     logarithms = np.concatenate([np.log(share * prior) for share, _ in families])
-    return spreads, np.tile(lamp.ravel() == lamp.min(), len(families)), logarithms
+    return spreads, logarithms
 
 
 def fit(misfits: FloatArray, covariances: FloatArray) -> FloatArray:

@@ -205,8 +205,6 @@ def _sight(found: ShadedSphere, excess: float, camera: Camera) -> Sight:
     """Return the sphere ``found``, whose errors (squared) are larger than noise by ``excess``, in the rig's frame."""
     turn = camera.rig_from_camera[:3, :3]
     told, doubt = (np.array([1.0, 0.0]), np.zeros((2, 2))) if found.shadows else by_turning(found.profile)
-    seen = found.light[2:].reshape(2, 2)  # at the limb, or as a lamp spreads it
-    aside = max(float(np.linalg.norm(seen[0])), float(np.linalg.norm(told @ seen)) / float(told @ told))
     return Sight(
         turn @ found.expected,
         turn @ found.across,
@@ -215,7 +213,7 @@ def _sight(found: ShadedSphere, excess: float, camera: Camera) -> Sight:
         excess * found.covariance,
         np.outer(told, told) + doubt,
         LENS_FALL * LENS_SHARE * found.place[2] * found.across[2] / found.expected[2],
-        (MODELED_SHADOW_PX if found.shadows else SHADOW_PX) * found.dark * aside,
+        (MODELED_SHADOW_PX if found.shadows else SHADOW_PX) * found.dark,
         camera.focal_px,
     )
 

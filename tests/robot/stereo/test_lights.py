@@ -1,5 +1,7 @@
 """The lights that may fall on a sphere, weighed by what its images tell of them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -65,6 +67,24 @@ def test_where_the_lens_may_make_one_side_darker_the_center_is_known_less_there(
     more = beside.covariances[0] - plain.covariances[0]
     assert 0.7 < np.sqrt(more[0, 0]) / (0.004 * GAIN) < 1
     assert abs(more[1, 1]) < 1e-3 * more[0, 0]
+
+
+@pytest.mark.parametrize(("known_to", "least_px", "most_px"), [(0.1, 0.0, 0.08), (0.005, 0.19, 0.21)])
+def test_a_balls_own_shadow_is_of_the_lamp_that_is_seen_and_not_of_noise(
+    known_to: float, least_px: float, most_px: float
+) -> None:
+    """Light from aside of 0.2 +- 0.1 is hardly any sign of a lamp beside the lens, and of 0.2 +- 0.005 is one."""
+    errs = np.diag([1e-8] * 3 + [0.01] * 2 + [known_to] * 4)
+    light, by_lamp = np.array([0.0, 0, 0.2, 0, 0, 0]), np.diag([1.0, 0.0])
+    plain = Sight(
+        TURNS[0][:, 2], TURNS[0][:, :2], np.zeros(3), light, errs**2, by_lamp, np.zeros(2), 0.0, FOCAL_PX
+    )
+    sds_px = []
+    for one in (plain, replace(plain, shadow_px=1.0)):
+        lights = in_each_light([one], LAMP_SD_DEG)
+        covariance = weighed(lights.logarithms, lights.places, lights.covariances)[1]
+        sds_px.append(FOCAL_PX * np.sqrt(covariance[0, 0]))
+    assert least_px < np.sqrt(sds_px[1] ** 2 - sds_px[0] ** 2) < most_px
 
 
 def test_a_lamp_beside_makes_as_much_light_from_aside_as_lambert_says() -> None:

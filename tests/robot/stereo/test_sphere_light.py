@@ -32,6 +32,17 @@ def test_a_ball_lit_from_aside_is_measured_as_one_in_its_own_shadow(seed: int) -
     assert error @ np.linalg.solve(found.covariance_mm2, error) / 3 < 4
 
 
+@few_and_others("power", [0.2], [0.4])
+def test_a_ball_that_hardly_darkens_to_its_limb_needs_no_light_told_well(power: float) -> None:
+    """Where light from aside was taken for as much as its noise, what its shadow may do was stated as 0.021 mm."""
+    even = replace(SCENES[0], shading="lamp", beside=(0.0, 0.0), power=power)
+    rng = np.random.default_rng(97004)
+    drawn = random_rig(rng)
+    view = render(even, drawn, rng)
+    found = locate_sphere(view.left, view.right, calibrated(drawn), diameter_mm=DIAMETER)
+    assert np.linalg.norm(found.position_mm - view.center_mm) < 0.006
+
+
 @few_and_others(
     ("name", "seed"),
     [("cable across", 2), ("highlight in the middle", 2)],
