@@ -41,7 +41,8 @@ by up to this factor (squared), as on balls lit from aside whose brightness does
 BY_PART, OVEREXPOSED_SHARE = 4.0, 0.1
 """Errors are counted so many times (squared) where a ball's light is told by a part of it, as more than this share is
 brighter than pixels get, its middle is not in the model, or specks lie on it: what of its light is not leaves no misfit
-there, but moves the center."""
+there, but moves the center. So are they where the whole leaves more than noise and no part of it is clean: what is left
+is alike from pixel to pixel then, as the edge of its shadow on a near ground, or noise that compression smoothed."""
 LENS_FALL, LENS_SHARE = 4, 3**-0.5
 """A lens makes what is off its axis darker by up to this power of the cosine: by anything from none to all of it, of
 which the second is the RMS."""
@@ -163,7 +164,7 @@ def _fitted(grey: Image, cone: Cone, camera: Camera) -> tuple[ShadedSphere, floa
     cleaned = _without_specks(grey, cone, camera)
     if cleaned is not None:
         return cleaned[0], _doubted(*cleaned, by_part=True)
-    return None if whole is None else (whole[0], _doubted(*whole))
+    return None if whole is None else (whole[0], _doubted(*whole, by_part=instead))
 
 
 def _without_specks(grey: Image, cone: Cone, camera: Camera) -> tuple[ShadedSphere, _Judged] | None:

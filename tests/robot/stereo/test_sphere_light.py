@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
@@ -9,6 +10,7 @@ from scipy.ndimage import gaussian_filter
 from phantoms.stereo_kinds import SCENES
 from phantoms.stereo_scenes import random_rig, render
 from ronnaplan.errors import InputError, RefusedError
+from ronnaplan.geometry import rms_mm
 from ronnaplan.robot.stereo.sphere import locate_sphere
 from tests.long import few_and_others, few_or_all
 from tests.robot.stereo.stereo_views import DIAMETER, calibrated, rendered
@@ -41,6 +43,24 @@ def test_a_ball_that_hardly_darkens_to_its_limb_needs_no_light_told_well(power: 
     view = render(even, drawn, rng)
     found = locate_sphere(view.left, view.right, calibrated(drawn), diameter_mm=DIAMETER)
     assert np.linalg.norm(found.position_mm - view.center_mm) < 0.006
+
+
+@few_and_others("seed", [1], [2, 3])
+def test_what_leaves_more_than_the_noise_of_pixels_counts_as_more(seed: int) -> None:
+    """Compression makes that smoother, so that pixels tell less than as many of other noise would."""
+    view, rig = rendered("evenly bright", seed)
+    plain = view.left.astype(np.uint8), view.right.astype(np.uint8)
+    stated_mm = [
+        float(rms_mm(locate_sphere(left, right, rig, diameter_mm=DIAMETER).covariance_mm2))
+        for left, right in (plain, (compressed(plain[0]), compressed(plain[1])))
+    ]
+    assert stated_mm[1] > 1.4 * stated_mm[0]
+
+
+def compressed(grey: np.ndarray) -> np.ndarray:
+    """Return an image (rows, columns; uint8) as JPEG of quality 75 keeps it."""
+    kept = cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, 75])[1]
+    return np.asarray(cv2.imdecode(kept, cv2.IMREAD_GRAYSCALE))
 
 
 @few_and_others(
