@@ -108,12 +108,13 @@ def in_each_light(sights: Sequence[Sight], lamp_sd_deg: float) -> Lights:
 def _lamps(sights: Sequence[Sight], light: FloatArray, lit: FloatArray, shrunk: FloatArray) -> FloatArray:
     """Return how far the lamp is from the lens in each light (H, K): the tangent's expected square.
 
-    It is what light from aside is in that light once the images are seen: of ``lit`` (H, 6 K, 6 K) beforehand, they
-    tell the part ``shrunk``. What they alone tell of it may be little but their noise.
+    It is what light from aside is in that light once the images are seen, at the limb or as a lamp spreads it: of
+    ``lit`` (H, 6 K, 6 K) beforehand, they tell the part ``shrunk``. What they alone tell may be little but their noise.
     """
     seen = (shrunk @ light) ** 2 + np.einsum("hii->hi", lit - shrunk @ lit)
-    aside = seen.reshape(len(lit), len(sights), 6)[:, :, 2:].sum(axis=2)
-    return np.asarray(aside / np.array([np.trace(sight.turned) for sight in sights]))
+    at_limb, falling = np.moveaxis(seen.reshape(len(lit), len(sights), 3, 2).sum(axis=3)[:, :, 1:], 2, 0)
+    spread = (at_limb + falling) / np.array([np.trace(sight.turned) for sight in sights])
+    return np.asarray(np.maximum(at_limb, spread))
 
 
 def by_turning(profile: FloatArray) -> tuple[FloatArray, FloatArray]:
