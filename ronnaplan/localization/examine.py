@@ -35,7 +35,7 @@ from ronnaplan.localization.search.look import surface_shares
 from ronnaplan.localization.search.nearest import unseen_share
 from ronnaplan.threads import in_threads, single_threaded_algebra
 
-OF_THE_SHAPE = {"thickness", "coverage", "free", "roundness", "certainty"}
+OF_THE_SHAPE = {"thickness", "coverage", "free", "roundness", "whole", "certainty"}
 """Tests that balls fail whose blur is not along the slices' axes; `free` where they lie on skin."""
 
 SAME_PLACE = 0.5

@@ -72,8 +72,7 @@ NOISE_ERRORS = 2.0
 """Nor does it tell where noise alone puts it: so many standard errors are allowed for besides."""
 
 MAX_RAGGED = 0.14
-"""A ball on skin is round wherever it does not go on into it, but for this share at most: balls of plastic show 0.11,
-pegs with round ends 0.17 to 0.30."""
+"""A ball on skin is round but where it goes on into it and this share: plastic shows 0.11, pegs 0.17 to 0.30."""
 
 COVER_SHARE, COVER_TO_DARK = 0.06, 3.0
 """What lies on a marker is brighter just outside it by this share of the contrast, in more directions by this factor
@@ -91,7 +90,7 @@ class Verdict:
     state: NDArray[np.int8]
     """1 where a direction informs the fit (C,), 0 where it is left out, -1 where no voxel lies on the surface."""
     off_mm: FloatArray
-    """How far the edge is from where the ball's should be (C,)."""
+    """How far beyond where the ball's should be the edge is (C,), negative where it lies farther in."""
     off_mm_per_hu: FloatArray
     """What noise adds to that (C,)."""
     allowed_mm: float
@@ -110,11 +109,15 @@ class Verdict:
     """The noise that is allowed for."""
 
     @cached_property
+    def off_share(self) -> FloatArray:
+        """How far off each edge is (C,), as a share of what is allowed in this noise."""
+        return self.off_mm / np.hypot(self.allowed_mm, NOISE_ERRORS * self.noise_hu * self.off_mm_per_hu)
+
+    @cached_property
     def round_share(self) -> float:
         """Share of the directions seen whose edge is where the ball's should be."""
-        seen = self.state >= 0
-        allowed_mm = np.hypot(self.allowed_mm, NOISE_ERRORS * self.noise_hu * self.off_mm_per_hu)
-        return float((seen & (self.off_mm <= allowed_mm)).sum() / max(int(seen.sum()), 1))
+        off = np.abs(self.off_share[self.state >= 0])
+        return float(np.mean(off <= 1.0)) if len(off) else 0.0
 
     @property
     def ragged_share(self) -> float:
@@ -238,8 +241,7 @@ def _weighed(sums: FloatArray, contrast: float, seen_hu: float, radius: float, d
         if sums[INSIDE, cell] > 0.0:
             within[cell] = sums[WITHIN, cell] / sums[INSIDE, cell]
     usual = quantile(rms, USUAL_QUANTILE)
-    if math.isnan(usual):  # nothing of its surface is seen
-        usual = 0.0
+    usual = 0.0 if math.isnan(usual) else usual  # nothing of its surface is seen
     foreign = rms > OUTLIER_RATIO * max(usual, MODEL_ERROR_SHARE * contrast)
     excess = outside - quantile(outside, BACKGROUND_QUANTILE)
     faint = max(NEIGHBOUR_SHARE * seen_hu, -OUTLIER_RATIO * quantile(excess, DARK_QUANTILE))
@@ -256,11 +258,10 @@ def _weighed(sums: FloatArray, contrast: float, seen_hu: float, radius: float, d
         if sums[SEEN, cell] > 0.0:
             state[cell] = 0 if left_out[cell] else 1
     steepness = np.maximum(sums[STEEPNESS], 1e-12)
-    shown = excess.copy()
-    shown[sums[CUT_OFF] > 0.5 * sums[OUTSIDE]] = 0.0  # how bright it is there, is hidden
+    shown = np.where(sums[CUT_OFF] > 0.5 * sums[OUTSIDE], 0.0, excess)  # how bright it is there, is hidden
     return (
         state,
-        np.abs(sums[SHIFTS]) / steepness,
+        sums[SHIFTS] / steepness,
         1.0 / np.sqrt(steepness),
         ROUND_SHARE * radius + ROUND_MM,
         attached / CELL_COUNT,

@@ -16,6 +16,7 @@ from ronnaplan.localization.fit.skin import face_hu, share_on_skin
 from ronnaplan.localization.judge.evidence import Evidence
 from ronnaplan.localization.judge.pasted import LEAST_ROUND, PUT_BACK, left_out_hu
 from ronnaplan.localization.judge.sunk import lies_in_a_face
+from ronnaplan.localization.judge.whole import what_is_missing
 from ronnaplan.localization.search.detect import MIN_CONTRAST_HU
 
 DIAMETER_TOLERANCE = 0.06
@@ -208,8 +209,7 @@ def _free(evidence: Evidence) -> str | None:
     # Of a ball that is at the scale's end itself nobody knows whether what it touches is brighter.
     end_hu = math.inf if fit.is_clipped else fit.ceiling_hu - float(fit.theta[BACKGROUND])
     bright_hu = face_hu(verdict.excess_hu, fit.contrast_hu, end_hu)
-    allowed = max(MAX_ATTACHED, share_on_skin(fit.theta, bright_hu) + SKIN_MARGIN)
-    ragged = MAX_RAGGED
+    allowed, ragged = max(MAX_ATTACHED, share_on_skin(fit.theta, bright_hu) + SKIN_MARGIN), MAX_RAGGED
     if allowed < attached <= MAX_SUNK and lies_in_a_face(evidence.volume, fit, verdict.excess_hu):
         allowed, ragged = MAX_SUNK, SUNK_RAGGED
     if attached > allowed:
@@ -237,11 +237,10 @@ def _outside(evidence: Evidence) -> str:
 
 
 def _roundness(evidence: Evidence) -> str | None:
-    contrast = evidence.fit.contrast_hu
-    limit = float(np.hypot(MAX_MISFIT, min(NOISE_MARGIN * evidence.noise_hu / contrast, MAX_NOISE)))
+    noise = NOISE_MARGIN * evidence.noise_hu / evidence.fit.contrast_hu
+    limit, found = float(np.hypot(MAX_MISFIT, min(noise, MAX_NOISE))), evidence.fit.misfit
     if evidence.own_misfit <= limit:
         return None
-    found = evidence.fit.misfit
     if math.isinf(found):
         return "nothing of its surface can be used"
     allowed = float(np.hypot(limit, evidence.excused_misfit))
@@ -275,6 +274,7 @@ TESTS: dict[str, Test] = {
     "free": _free,
     "informed": _informed,
     "roundness": _roundness,
+    "whole": what_is_missing,
     "converged": _converged,
     "certainty": _certainty,
 }

@@ -35,7 +35,7 @@ median: by 0.013 in some 200 balls of 40 kinds of axial scans, also where the he
 shear a ball but leave each cut round; by 0.06 in cone beams where 0.04 is usual. Eggs of 0.9 differ by 0.1, less the
 square of the cosine between their axis and the slices' normal."""
 
-OF_THE_SURFACE = {"coverage", "informed", "roundness"}
+OF_THE_SURFACE = {"coverage", "informed", "roundness", "whole"}
 """Tests that streaks of metal and of few views spoil in a whole scan, as in cone beams of a short turn."""
 
 OF_THE_PROFILE = {"thickness"}

@@ -56,6 +56,7 @@ def spoiled(name: str, fit: BallFit) -> BallFit:
         "free": lambda: replace(fit, verdict=replace(verdict, attached_share=0.4)),
         "informed": lambda: replace(fit, verdict=replace(verdict, state=np.zeros_like(verdict.state))),
         "roundness": lambda: replace(fit, residuals_hu=fit.residuals_hu + 150.0),
+        "whole": lambda: replace(fit, verdict=replace(verdict, off_mm=round_in(verdict, 0.9).off_mm * -1.0)),
         "converged": lambda: replace(fit, converged=False),
         "certainty": lambda: replace(fit, influence_mm_per_hu=fit.influence_mm_per_hu * 3000.0),
     }[name]()
