@@ -43,9 +43,10 @@ STEADY_ERRORS_MM = PATTERN_ERRORS_MM / [1.0 if " w " in name else 2.0 for name i
 still scans of twenty were within 1 um for harmonics and 3 um (10 in oblique slices) for what differs by slice. Jumps
 along w are what slices with a lopsided profile show, too."""
 
-OF_SLICES_ALIKE, OF_TURNS_ALIKE = 2, 3
+OF_SLICES_ALIKE, OF_TURNS_ALIKE, ALIKE_AMONG = 2, 3, 20
 """So many markers tell of all by what they show alike from slice to slice, and by harmonics: of these two may show the
-same beside the edge of the field of view."""
+same beside the edge of the field of view. Among more than 20 it takes as large a share of them, for a jump is met by a
+share, and by chance the more show the same."""
 
 LEAST_USUAL = 0.5
 """What a scan's markers usually show is their median, but no less than so many standard errors. Two show one of
@@ -129,8 +130,8 @@ def suspected(movements: Sequence[Movement], *, in_cubes: bool = False) -> list[
 
 
 def _alike(ratios: FloatArray, count: int) -> float:
-    """Return how many times as large as usual a pattern (N, P) is that ``count`` markers show to the same side."""
-    ordered = np.sort(ratios, axis=0)
+    """Return how many times as large as usual a pattern (N, P) is that ``count`` of up to 20 show to the same side."""
+    ordered, count = np.sort(ratios, axis=0), max(count, math.ceil(count * len(ratios) / ALIKE_AMONG))
     return float(max(ordered[-count].max(), -ordered[count - 1].min())) / max(_usual(ratios), LEAST_USUAL)
 
 

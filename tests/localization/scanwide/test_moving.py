@@ -32,6 +32,15 @@ def test_a_jump_that_two_markers_show_alike_is_told_by_all() -> None:
     assert suspected([*[showing("drift u", 0.8)] * 4, moved, moved]) == [False] * 6
 
 
+def test_of_many_markers_as_large_a_share_has_to_show_a_jump_alike() -> None:
+    """The more there are, the sooner two show the same by chance; a jump is met by a share of them."""
+    still = showing("drift u", 0.4)
+    for pattern, errors, enough in (("jump u at +0.0", 2.5, 5), ("across sin", 3.3, 8)):
+        moved = showing(pattern, errors)
+        assert suspected([*[still] * (50 - enough), *[moved] * enough]) == [True] * 50
+        assert suspected([*[still] * (51 - enough), *[moved] * (enough - 1)]) == [False] * 50
+
+
 def test_what_all_markers_of_a_cone_beam_show_from_slice_to_slice_is_told_by_none() -> None:
     """Rays that slant make it, in one direction here and in another there; edges within the slices tell as ever."""
     usual = [showing("drift u", sign * 2.5) for sign in (1.0, -1.0, 1.0, -1.0, 1.0)]
