@@ -112,8 +112,7 @@ class Stream:
 
     def taken(self) -> list[PointReading | ToolReading]:
         """Return the readings that came since this was last asked, in their order, and keep them no longer."""
-        taken, self._untaken = self._untaken, []
-        self.points, self.tools = [], []
+        taken, self._untaken, self.points, self.tools = self._untaken, [], [], []
         return taken
 
     def feed(self, data: bytes) -> None:

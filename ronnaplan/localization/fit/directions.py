@@ -258,7 +258,7 @@ def _weighed(sums: FloatArray, contrast: float, seen_hu: float, radius: float, d
         if sums[SEEN, cell] > 0.0:
             state[cell] = 0 if left_out[cell] else 1
     steepness = np.maximum(sums[STEEPNESS], 1e-12)
-    shown = np.where(sums[CUT_OFF] > 0.5 * sums[OUTSIDE], 0.0, excess)  # how bright it is there, is hidden
+    shown = excess * (sums[CUT_OFF] <= 0.5 * sums[OUTSIDE])  # how bright it is elsewhere, is hidden
     return (
         state,
         sums[SHIFTS] / steepness,
