@@ -355,5 +355,5 @@ def test_a_map_of_the_expected_error_agrees_with_the_error_place_by_place() -> N
     expected = registration.tre_rms_mm(volume.grid.positions_mm(kji))
     np.testing.assert_allclose(tre.values.ravel(), expected, rtol=1e-5)
     assert tre.to_sitk()[4, 3, 2] == tre.values[2, 3, 4]
-    with pytest.raises(UsageError, match=r"of type ndarray, expected CTVolume or ScalarMap; .*from_array"):
+    with pytest.raises(UsageError, match=r"ndarray is given for .*, expected CTVolume or ScalarMap; .*from_array"):
         registration.tre_map(tre.values)  # type: ignore[arg-type]
