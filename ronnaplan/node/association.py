@@ -90,33 +90,55 @@ class Checkpoint(threading.Event):
     """Where an association's own thread waits while an answer is awaited in another.
 
     pynetdicom 3.0 lets that thread say that it waits a moment before and after it does (its issue 875): it then takes
-    the first answer and drops it, and a list lacks an entry that nobody misses. Here saying and waiting are one.
+    the first answer and drops it, and a list lacks an entry that nobody misses. It also serves what a peer reports
+    (N-EVENT-REPORT) in a third thread, which says in the end that nobody waits: who lets go of the association would
+    look for that for ever, or let go before the report is answered. Here saying and waiting are one, and who pauses
+    the thread is asked to wait for both.
     """
 
     def __init__(self, association: Association) -> None:
         super().__init__()
-        self._association = association
-        self._passing = threading.Lock()
-        self._reached = threading.Event()
+        self._association, self._serve_request = association, association._serve_request
+        self._passing, self._serving = threading.Lock(), threading.Lock()
+        self._here = threading.Event()
         self.set()
 
     def guard(self) -> None:
         """Take the place of the association's checkpoint; return when its thread has come here."""
+        self._association._serve_request = self._serve  # type: ignore[method-assign, assignment]
         self._association._reactor_checkpoint = self
-        while self._association.is_alive() and not self._reached.wait(0.01):
-            pass
+        self.clear()
+        self.set()
 
     def wait(self, timeout: float | None = None) -> bool:
         """Wait until the thread may pass; it is no longer paused before another can ask it to be."""
-        self._reached.set()
+        with self._passing:
+            self._here.set()
+            self._tell()
         while True:
             super().wait(timeout)
             with self._passing:
                 if self.is_set():
-                    self._association._is_paused = False
+                    self._here.clear()
+                    self._tell()
                     return True
 
     def clear(self) -> None:
-        """Let the thread pass no more."""
-        with self._passing:
+        """Let the thread pass no more; return when it is here or has ended, and what the peer reported is answered."""
+        with self._serving, self._passing:
             super().clear()
+        while self._association.is_alive() and not self._here.wait(0.01):
+            pass
+        with self._passing:
+            self._tell()
+
+    def _tell(self) -> None:
+        """Say whether the thread waits, which pynetdicom looks for before it sends."""
+        self._association._is_paused = self._here.is_set() or not self._association.is_alive()
+
+    def _serve(self, message: Any, context_id: int) -> None:
+        """Serve what the peer asks, and say again what pynetdicom has overwritten."""
+        with self._serving:
+            self._serve_request(message, context_id)
+            with self._passing:
+                self._tell()

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from threading import Event, Thread
+from typing import Any
 
 import numpy as np
 import pytest
@@ -78,6 +79,27 @@ def test_a_peer_that_hangs_is_cut_off_and_others_are_served(begun: bytes, tmp_pa
                 pass
         until(lambda: not node.receiver._server.active_associations)  # type: ignore[union-attr]
         until(lambda: [one for one in node.events("cut off") if one["reason"] == "no association was asked for"])
+
+
+def test_who_pauses_an_association_is_told_so_whatever_is_served_meanwhile(node: Listening) -> None:
+    """pynetdicom serves a report in a third thread, which said that the association runs: all waited for ever."""
+    entity = AE("CT1")
+    entity.add_requested_context(CTImageStorage)
+    association = associate(entity, node.port)
+    held = association._reactor_checkpoint
+    served: Any = held
+    served._serve_request = lambda *_: setattr(association, "_is_paused", False)
+    for paused in (True, False, True):
+        if paused:
+            held.clear()
+        else:
+            held.set()
+            until(lambda: not association._is_paused)
+        association._serve_request(served, 1)
+        until(lambda paused=paused: association._is_paused == paused)  # type: ignore[misc]
+    held.set()
+    association.release()
+    assert association.is_released
 
 
 def test_a_peer_that_falls_silent_is_cut_off(tmp_path: Path) -> None:

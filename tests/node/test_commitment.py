@@ -15,8 +15,11 @@ from pydicom.dataset import Dataset
 from pydicom.uid import CTImageStorage
 from pynetdicom import AE, build_role, evt
 from pynetdicom.association import Association
+from pynetdicom.dimse import DIMSEServiceProvider
+from pynetdicom.dimse_primitives import N_EVENT_REPORT
 
 from ronnaplan.errors import InputError
+from ronnaplan.node.association import Checkpoint
 from ronnaplan.node.channels import CLASSES
 from ronnaplan.node.commitment import (
     ALL_KEPT,
@@ -99,15 +102,26 @@ def test_what_a_receiver_does_not_keep_is_delivered_again(index: Index) -> None:
 
 
 @pytest.mark.parametrize("keeps", [True, False])
-def test_a_receiver_may_report_on_the_association_on_which_it_was_asked(tmp_path: Path, keeps: bool) -> None:
-    """Its report was refused, and what it does not keep was not delivered again."""
+def test_a_receiver_may_report_on_the_association_on_which_it_was_asked(
+    tmp_path: Path, keeps: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its report was refused, and what it does not keep was not delivered again; or it got no answer, or both hung."""
     answered: list[int] = []
+    send_msg = DIMSEServiceProvider.send_msg
+
+    def answer_slowly(provider: DIMSEServiceProvider, message: Any, context_id: int) -> None:
+        if isinstance(message, N_EVENT_REPORT) and message.is_valid_response:
+            time.sleep(0.1)
+        send_msg(provider, message, context_id)
+
+    monkeypatch.setattr(DIMSEServiceProvider, "send_msg", answer_slowly)
 
     def report(association: Association, asked: Dataset) -> None:
         told = Dataset()
         told.TransactionUID = asked.TransactionUID
         setattr(told, "ReferencedSOPSequence" if keeps else "FailedSOPSequence", asked.ReferencedSOPSequence)
         kind = ALL_KEPT if keeps else NOT_ALL_KEPT
+        Checkpoint(association).guard()
         answered.append(association.send_n_event_report(told, kind, COMMITMENT, WELL_KNOWN)[0].Status)
 
     def promise(event: evt.Event) -> tuple[int, None]:
@@ -127,6 +141,7 @@ def test_a_receiver_may_report_on_the_association_on_which_it_was_asked(tmp_path
         with Index(config.data) as index:
             waiting_answer(config, index)
             state = delivered(config, index, 100.0)
+        until(lambda: answered)
     finally:
         server.shutdown()
     assert answered == [0]
