@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
-
 import numpy as np
 
 from ronnaplan.correspondence.evidence import ROTATION_PRECISION, log_misfit
-from ronnaplan.correspondence.exact import LISTED_NATS, best_of, in_volume, search
 from ronnaplan.correspondence.pairing import IntArray
-from ronnaplan.correspondence.priors import residual_priors
 from ronnaplan.correspondence.problem import Problem
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import point_jacobian, transform_points
@@ -34,34 +29,6 @@ def anisotropic_log_evidence(
         misfit = np.array([log_misfit(one, size) for one in chi2[alike]])
         log_evidence[alike] = constants[size] + volume - 0.5 * scatter / problem.spread_mm**2 + misfit
     return log_evidence, chi2
-
-
-def anisotropic_body(problem: Problem, partner: IntArray, gate_chi2: float) -> tuple[int, float] | None:
-    """Return what `rivals.other_body` bounds from above: the pairs of a second body, and if it is real.
-
-    It is sought among the points that ``partner`` (n,) leaves; None where they pair in too many ways to list.
-    """
-    i, j = np.flatnonzero(partner < 0), np.setdiff1d(np.arange(problem.counts[1]), partner)
-    left, taken = replace(problem.only(i, j), spread_mm=math.inf), problem.counts[0] - len(i)
-    priors, backgrounds = residual_priors(problem.counts)
-    constants, background = (
-        in_volume(priors[taken, : min(left.counts) + 1], problem.volume_mm3),
-        backgrounds[taken],
-    )
-    _, _, partners, complete = search(
-        left.ct,
-        left.ots,
-        *left.pair_weights(),
-        constants,
-        left.known,
-        left.spread_mm,
-        LISTED_NATS,
-        background - 5.0,
-        gate_chi2,
-    )
-    log_evidence, _ = anisotropic_log_evidence(left, partners.astype(np.int64), constants)
-    best, real = best_of(log_evidence, background)
-    return (int((partners[best] >= 0).sum()) if best >= 0 else 0, real) if complete else None
 
 
 def fit_anisotropic(

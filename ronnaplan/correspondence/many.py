@@ -12,9 +12,10 @@ from ronnaplan.correspondence.evidence import GATE_CHI2, filled_volume, is_colli
 from ronnaplan.correspondence.exact import LISTED_NATS, best_of, in_volume, search
 from ronnaplan.correspondence.rivals import (
     BODY_GATE_CHI2,
+    BODY_NATS,
     mirror_is_better,
     odds_if_larger,
-    other_body,
+    pairings_left,
     regular_odds,
 )
 from ronnaplan.correspondence.strays import side_by_side
@@ -61,12 +62,22 @@ def match_many(
             continue
         if side_by_side(ct[t][paired], ots[t][partner], of_pairs).any():
             continue
-        body = other_body(
-            ct[t], ots[t], weight, node_value, residual[0], residual[1], volume, listed[best], BODY_GATE_CHI2
+        left = pairings_left(
+            ct[t],
+            ots[t],
+            weight,
+            node_value,
+            residual[0],
+            residual[1],
+            volume,
+            listed[best],
+            BODY_NATS,
+            BODY_GATE_CHI2,
         )
+        _, body = best_of(left.log_evidence, left.background)
         wide = listed.astype(np.int64)  # as `small` hands them on: compiled once
         regular = regular_odds(log_evidence, chi2, wide, best, background)
-        if max(body[1], regular) > CLEAR_OF_OTHERS:
+        if max(body, regular) > CLEAR_OF_OTHERS:
             continue
         size = paired.sum()
         if not mirror_is_better(ct[t], ots[t], weight, node_value, constants, known, spread, size, to_beat):

@@ -2,7 +2,8 @@
 
 1. Points, their errors and what was told of them are checked (`inputs`, `told`) and make the `problem`.
 2. Of small sets (`small`) every pairing whose distances agree (`graph`) is listed (`exact`) and weighed (`evidence`,
-   `priors`, `anisotropic`); the best has to stand against mirror images, other bodies and other orders (`rivals`).
+   `priors`, `anisotropic`); the best has to stand against mirror images, other orders (`rivals`) and other bodies
+   (`another_body`).
 3. Of others (`large`) poses are sought (`poses`) by triangles of the same sides (`seeds`, `lookup`), tried on other
    points (`trials`), fitted (`refining`) and weighed (`weighing`); the best has to stand against second `bodies` and
    mirror images, and each of its pairs against `chance` (`densities`) and `strays`.

@@ -6,12 +6,14 @@ Numba kernels over what `exact.search` lists.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.correspondence.evidence import FEW_PAIRS, GATE_CHI2, SCALES, fits_as_well, log_misfit, log_misfit_at
-from ronnaplan.correspondence.exact import best_of, in_volume, search
+from ronnaplan.correspondence.exact import in_volume, search
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.geometry import FloatArray
@@ -33,6 +35,27 @@ gate takes markers for a body that moved each by itself."""
 
 LEAST_REGULAR = 5
 """Fewer pairs fit otherwise, too, by chance; of so many it shows that the markers are laid out regularly."""
+
+BODY_NATS = 1.0
+"""Of another body the most probable pairings tell enough: those this near to the best."""
+
+
+class Left(NamedTuple):
+    """The points that a pairing leaves, and what pairs them: L pairings of a second body, or of what met by chance."""
+
+    i: IntArray
+    """The CT points (n,), by their place in the whole set."""
+    j: IntArray
+    """The OTS points (m,)."""
+    constants: FloatArray
+    """See `exact.in_volume`, of so many points."""
+    background: float
+    log_evidence: FloatArray
+    """(L,)."""
+    partners: NDArray[np.int16]
+    """The place in ``j`` of what each of ``i`` is paired with (L, n), -1 for none."""
+    complete: bool
+    """Whether none was given up."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -61,7 +84,7 @@ def mirror_is_better(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def other_body(
+def pairings_left(
     ct: FloatArray,
     ots: FloatArray,
     weight: FloatArray,
@@ -69,24 +92,25 @@ def other_body(
     constants: FloatArray,
     backgrounds: FloatArray,
     volume: float,
-    partner: IntArray,
+    partner: NDArray[np.int16],
+    nats: float,
     gate_chi2: float,
-) -> tuple[int, float]:
-    """Return the number of pairs of the best body among the points that ``partner`` leaves, and if it is real.
+) -> Left:
+    """List the pairings, within ``nats`` of the best, of the points that ``partner`` (n,) leaves.
 
-    ``constants`` and ``backgrounds``: those of `size_priors` for each number of pairs taken away.  The second
-    result is the probability that these pairs are no chance meeting; both are 0 when no three points are left.
+    ``weight`` and ``node_value`` (n, m): as `exact.search` takes them, of all points; ``constants`` and
+    ``backgrounds``: of `residual_priors`.  None is listed where fewer than three points of a set are left.
     """
     taken = np.zeros(len(ots), np.bool_)
     for j in partner:
         if j >= 0:
             taken[j] = True
     i, j = np.flatnonzero(partner < 0), np.flatnonzero(~taken)
-    if min(len(i), len(j)) < LEAST_PAIRS:
-        return 0, 0.0
-    size = len(ct) - len(i)
-    own = in_volume(constants[size, : min(len(i), len(j)) + 1], volume)
-    log_evidence, _, partners, _ = search(
+    size, most = len(ct) - len(i), min(len(i), len(j))
+    own, background = in_volume(constants[size, : most + 1], volume), backgrounds[size]
+    if most < LEAST_PAIRS:
+        return Left(i, j, own, background, np.empty(0), np.empty((0, len(i)), np.int16), True)
+    log_evidence, _, partners, complete = search(
         ct[i],
         ots[j],
         weight[i][:, j],
@@ -94,14 +118,11 @@ def other_body(
         own,
         np.zeros((0, 2), np.int64),
         np.inf,
-        1.0,
-        backgrounds[size] - 5.0,
+        nats,
+        background - 5.0,
         gate_chi2,
     )
-    best, p = best_of(log_evidence, backgrounds[size])
-    if best < 0:
-        return 0, 0.0
-    return (partners[best] >= 0).sum(), p
+    return Left(i, j, own, background, log_evidence, partners, complete)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.correspondence.anisotropic import anisotropic_body, anisotropic_log_evidence
+from ronnaplan.correspondence.anisotropic import anisotropic_log_evidence
+from ronnaplan.correspondence.another_body import odds_of_another_body
 from ronnaplan.correspondence.evidence import GATE_CHI2, MOST_ODDS_IF_LARGER, SCALES, is_collinear
 from ronnaplan.correspondence.exact import LISTED_NATS, in_volume, search
 from ronnaplan.correspondence.pairing import (
@@ -21,16 +22,13 @@ from ronnaplan.correspondence.pairing import (
     Rival,
     no_pairs,
 )
-from ronnaplan.correspondence.priors import residual_priors, size_priors
+from ronnaplan.correspondence.priors import size_priors
 from ronnaplan.correspondence.problem import Problem, moved_pairs, pairs_of
 from ronnaplan.correspondence.rivals import (
-    BODY_GATE_CHI2,
     LOG_ODDS_OF_MIRROR,
-    LOG_ODDS_PER_PAIR,
     RIGID_GATE_CHI2,
     mirror_is_better,
     odds_if_larger,
-    other_body,
     regular_odds,
 )
 from ronnaplan.correspondence.strays import side_by_side, told_twice
@@ -218,32 +216,6 @@ def vouched(partners: IntArray, posterior: FloatArray, core: IntArray) -> float:
     """Return the probability (of pairings (L, n)) that all pairs of ``core`` (n,) are right."""
     i = np.flatnonzero(core >= 0)
     return float(posterior[(partners[:, i] == core[i]).all(axis=1)].sum())
-
-
-def odds_of_another_body(problem: Problem, partner: IntArray, gate_chi2: float = BODY_GATE_CHI2) -> float:
-    """Return the odds that the patient is not the pairing ``partner`` (n,) but a body among the points that it leaves.
-
-    A smaller one that has too few pairs to be given is none: three pairs among outliers are too easily had. Nor is
-    there one where a pair is known: the patient holds it.
-    """
-    if len(problem.known):
-        return 0.0
-    count, real = other_body(
-        problem.ct,
-        problem.ots,
-        *problem.pair_weights(),
-        *residual_priors(problem.counts),
-        problem.volume_mm3,
-        partner.astype(np.int16),
-        gate_chi2,
-    )
-    if count and problem.is_anisotropic:  # the kernel's weights bound the evidence from above
-        count, real = anisotropic_body(problem, partner, gate_chi2) or (count, real)
-    size = int((partner >= 0).sum())
-    if count == 0 or (count < size and not problem.told.allows(count)):
-        return 0.0
-    prior = problem.told.prior(range(LEAST_PAIRS, min(problem.counts) + 1))
-    return float(real * math.exp(LOG_ODDS_PER_PAIR * (count - size)) * prior[count] / prior[size])
 
 
 def odds_beside_core(problem: Problem, weighed: Weighed, dropped: NDArray[np.bool_]) -> float:
