@@ -14,7 +14,7 @@ from ronnaplan.correspondence.pairing import IntArray, no_pairs
 from ronnaplan.correspondence.poses import SUCCESS_SIZES, Found, find_poses, work_allowed
 from ronnaplan.correspondence.priors import size_priors
 from ronnaplan.correspondence.problem import Problem
-from ronnaplan.correspondence.rivals import LEAST_REGULAR, LOG_ODDS_PER_PAIR
+from ronnaplan.correspondence.rivals import BODY_NATS, LEAST_REGULAR, LOG_ODDS_PER_PAIR, RIGID_GATE_CHI2
 from ronnaplan.correspondence.told import LEAST_PAIRS, Told
 from ronnaplan.correspondence.weighing import PairedPose, is_alike, left_by, weigh_pairs
 from ronnaplan.geometry import FloatArray
@@ -23,9 +23,9 @@ from ronnaplan.rigid import freedom
 LIKELY_PAIR = 0.5
 """Pairs of the best pose that are more probable than not are none of a body beside it."""
 
-BESIDE_CHI2, FEWER_BESIDE, MOST_BESIDE = 12.0, 2, 1600
-"""A body beside the best pose's is sought by distances that agree within 3.5 standard deviations, where it has at most
-so many pairs fewer (three make odds of 1 %), and there are up to so many possible pairs: 40 points of either set."""
+FEWER_BESIDE, MOST_BESIDE = 2, 1600
+"""A body beside the best pose's is sought where it has at most so many pairs fewer (three make odds of 1 %), and there
+are up to so many possible pairs: 40 points of either set."""
 
 
 def points_left(problem: Problem, best: PairedPose, of_pairs: FloatArray) -> tuple[IntArray, IntArray, int]:
@@ -75,7 +75,16 @@ def odds_of_body_beside(problem: Problem, poses: list[PairedPose], of_pairs: Flo
     constants[:least] = -math.inf
     weight, value = (pairs[np.ix_(i, j)] for pairs in problem.pair_weights())
     log_evidence, _, partners, _ = search(
-        problem.ct[i], problem.ots[j], weight, value, constants, no_pairs(), math.inf, 1.0, background, BESIDE_CHI2
+        problem.ct[i],
+        problem.ots[j],
+        weight,
+        value,
+        constants,
+        no_pairs(),
+        math.inf,
+        BODY_NATS,
+        background,
+        RIGID_GATE_CHI2,
     )
     if len(log_evidence) == 0:
         return 0.0

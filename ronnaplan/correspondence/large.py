@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -89,6 +90,31 @@ def match_large(problem: Problem, least_probability: float) -> Pairing:
     return answer
 
 
+class Doubts(NamedTuple):
+    """What else may be right than the best pose: the odds of each to it."""
+
+    of_rivals: float
+    """Poses that pair its points otherwise."""
+    of_bodies: float
+    """Other bodies that were found."""
+    of_body_beside: float
+    """A body that was missed, among the points that the best leaves."""
+    missed: float
+    """An equal pose that was missed."""
+    by_chance: float
+    """No pose: these points met by chance."""
+
+    @property
+    def found(self) -> float:
+        """Odds of the poses that were found; of two kinds of them the more probable counts."""
+        return max(self.of_rivals, self.of_bodies)
+
+    @property
+    def probability(self) -> float:
+        """Of the best pose."""
+        return 1.0 / (1.0 + self.found + self.of_body_beside + self.missed + self.by_chance)
+
+
 def weighed(views: list[Found], least_probability: float) -> tuple[Pairing, FloatArray]:
     """Return the pairs of the best pose, or the reason why they are not given, and the probability of each.
 
@@ -99,47 +125,54 @@ def weighed(views: list[Found], least_probability: float) -> tuple[Pairing, Floa
         return Pairing.unmatched(nothing_found(found)), np.zeros(0)
     best = found.poses[0]
     of_pairs = found.chance.pair_probabilities(best.matrix, best.partner)
-    of_bodies = max(odds_of_bodies(view, best) for view in views)
-    return decided(found, (odds_of_rivals(found), of_bodies), of_pairs, least_probability), of_pairs
+    doubts = Doubts(
+        odds_of_rivals(found),
+        max(odds_of_bodies(view, best) for view in views),
+        odds_of_body_beside(found.chance.problem, found.poses, of_pairs),
+        found.missed,
+        math.exp(min(-best.log_evidence, 700.0)),
+    )
+    if doubts.probability < least_probability:
+        return doubted(found, doubts, of_pairs, least_probability), of_pairs
+    return given(found, doubts.probability, least_probability), of_pairs
 
 
-def decided(found: Found, others: tuple[float, float], of_pairs: FloatArray, least_probability: float) -> Pairing:
-    """Return the pairs of the best pose, or the reason why they are not given.
+def doubted(found: Found, doubts: Doubts, of_pairs: FloatArray, least_probability: float) -> Pairing:
+    """Return the refusal of the best pose, by what doubts it most.
 
-    ``of_pairs`` are the probabilities that they do not meet by chance, ``others`` the odds of the poses that pair the
-    points of the best otherwise, and of those of other bodies, to the best.
+    ``of_pairs`` are the probabilities that its pairs do not meet by chance.
     """
-    problem, best, rivals = found.chance.problem, found.poses[0], rivals_of(found.poses)
-    beside = odds_of_body_beside(problem, found.poses, of_pairs)
-    by_chance = math.exp(min(-best.log_evidence, 700.0))
-    probability = 1.0 / (1.0 + max(others) + beside + found.missed + by_chance)
-    if probability < least_probability and beside > max(*others, found.missed, by_chance):
+    best, rivals, probability = found.poses[0], rivals_of(found.poses), doubts.probability
+    if doubts.of_body_beside > max(doubts.found, doubts.missed, doubts.by_chance):
         touch = int(best.pairs[of_pairs.argmax(), 0])  # of the one or of the other
         return Pairing.ambiguous(TWO_BODIES, probability, rivals, touch=touch, doubtful=best.pairs)
-    if probability < least_probability:
-        reason = f"the best pose has probability {probability:.4g}, at least {least_probability:g} is required"
-        if max(others) < found.missed:
-            reason = (
-                "the search was given up: the points are so dense or so regular that an equal pose may have been "
-                f"missed (probability {found.missed:.2g}); leave out what is no marker, or state known pairs"
-            )
-        elif max(others) > 1.0 - least_probability:
-            reason = TWO_BODIES if others[1] >= others[0] else REGULAR if is_regular(found) else reason
-        return Pairing.ambiguous(reason, probability, rivals, touch=telling_point(found.poses))
+    reason = f"the best pose has probability {probability:.4g}, at least {least_probability:g} is required"
+    if doubts.found < doubts.missed:
+        reason = (
+            "the search was given up: the points are so dense or so regular that an equal pose may have been "
+            f"missed (probability {doubts.missed:.2g}); leave out what is no marker, or state known pairs"
+        )
+    elif doubts.found > 1.0 - least_probability:
+        is_of_bodies = doubts.of_bodies >= doubts.of_rivals
+        reason = TWO_BODIES if is_of_bodies else REGULAR if is_regular(found) else reason
+    return Pairing.ambiguous(reason, probability, rivals, touch=telling_point(found.poses))
+
+
+def given(found: Found, probability: float, least_probability: float) -> Pairing:
+    """Return the pairs of the best pose, which has this ``probability``, that are certain themselves, or a refusal."""
+    problem, best, rivals = found.chance.problem, found.poses[0], rivals_of(found.poses)
     own = found.chance.sure_pairs(best.matrix, best.partner)
     certain = own >= least_probability
-    given, doubtful = best.pairs[certain], best.pairs[~certain]
-    if len(given) < LEAST_PAIRS or odds_of_turn(problem, given) * (1.0 - least_probability) < least_probability:
+    sure, doubtful = best.pairs[certain], best.pairs[~certain]
+    if len(sure) < LEAST_PAIRS or odds_of_turn(problem, sure) * (1.0 - least_probability) < least_probability:
         reason = "fewer than three pairs off one line are certain"
         return Pairing.ambiguous(reason, probability, rivals, doubtful=best.pairs)
-    if not problem.told.allows(len(given)):
-        reason = f"{len(given)} pairs fit but {problem.told} are expected; check the expected number"
+    if not problem.told.allows(len(sure)):
+        reason = f"{len(sure)} pairs fit but {problem.told} are expected; check the expected number"
         return Pairing.unmatched(reason, probability, rivals)
     moved = moved_pairs(problem, best.partner)
     own = probability * own[certain]
-    return Pairing(
-        "unique", given, probability, rivals[1:], doubtful=doubtful, moved=moved, pair_probabilities=own
-    )
+    return Pairing("unique", sure, probability, rivals[1:], doubtful=doubtful, moved=moved, pair_probabilities=own)
 
 
 def odds_of_turn(problem: Problem, given: IntArray) -> float:
