@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
 import json
-import re
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +13,10 @@ from phantoms.fast import render
 from phantoms.output import write_phantom
 from phantoms.stack import axial_stack
 from ronnaplan.cli import main
-from ronnaplan.cli.robot_arm import named_arm
 from ronnaplan.ct import read_ct
 from ronnaplan.documents.placement import read_placement
 from ronnaplan.documents.room import read_room
-from ronnaplan.documents.room_example import EXAMPLE, example_room
+from ronnaplan.documents.room_example import EXAMPLE
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.pose import cross_matrix
@@ -409,27 +406,6 @@ def test_the_example_for_another_arm_has_a_posture_that_it_can_go_by(
     assert main([*case[:-1], str(room), *there]) == 0
     route = read_placement(output).robot_from_ct[0].route
     assert (route.order, route.stuck) == (("LH",), ())
-
-
-def test_an_arm_that_is_too_long_or_too_short_to_be_described_in_metres_is_told(tmp_path: Path) -> None:
-    def scaled(times: float) -> str:
-        def longer(place: re.Match[str]) -> str:
-            return '<origin xyz="' + " ".join(str(times * float(number)) for number in place[1].split()) + '"'
-
-        return re.sub('<origin xyz="([^"]*)"', longer, KR6)
-
-    asked = argparse.Namespace(arm=str(tmp_path / "arm.urdf"), tip=None, base=None, hold=[])
-    notes = []
-    for times in (1.0, 1 / 0.0254, 0.0254):
-        Path(asked.arm).write_text(scaled(times))
-        _, told = named_arm(asked, example_room())
-        notes.append([note for note in told if "long" in note])
-    assert notes[0] == []
-    assert [one[0][:61] for one in notes[1:]] == [
-        "from its first joint to its flange the arm kr6 is 40 m long; ",
-        "from its first joint to its flange the arm kr6 is 0.0258 m lo",
-    ]
-    assert named_arm(argparse.Namespace(arm="kr6r900", tip=None, base=None, hold=[]), example_room())[1] == []
 
 
 def test_a_flange_that_nobody_named_is_told_and_one_whose_z_points_elsewhere(
