@@ -118,7 +118,7 @@ def markers_of(cases: Sequence[Case], build: Build = SOLID) -> list[list[Examine
             seen = [examine(scan, (case.diameter_mm,), build) for case, scan in zip(cases, scans, strict=True)]
 
     def refit(slant: Slant, balls: Sequence[Examined]) -> list[Examined]:
-        near = [min(scans, key=lambda scan: _apart_mm(scan.volume, one.center_mm)) for one in balls]
+        near = [min(scans, key=lambda scan: _from_middle_mm(scan.volume, one.center_mm)) for one in balls]
         return [
             examine_place(Scan(scan.volume, slant), one.center_mm, one.stated_mm, build)
             for scan, one in zip(near, balls, strict=True)
@@ -136,7 +136,7 @@ def markers_of(cases: Sequence[Case], build: Build = SOLID) -> list[list[Examine
     return [[next(stated) for _ in part if next(rest).is_marker] for part in parts]
 
 
-def _apart_mm(part: CTVolume, place_mm: FloatArray) -> float:
+def _from_middle_mm(part: CTVolume, place_mm: FloatArray) -> float:
     middle = (np.array(part.voxels_hu.shape) - 1.0) / 2.0
     return float(np.linalg.norm(part.grid.positions_mm(middle) - place_mm))
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray, axes_across, unit
 from ronnaplan.robot.arm.compiled import ALL
+from ronnaplan.robot.arm.limits import tightest
 from ronnaplan.robot.arm.links import place_links
 from ronnaplan.robot.placement.clearances import (
     HEAD,
@@ -207,10 +208,9 @@ def _tightest(machine: Machine, angles: FloatArray) -> int:
     """Return the joint that comes nearest to its limit, or farthest beyond, in ``angles`` (P, 6)."""
     least, joint = np.inf, 0
     for p in range(len(angles)):
-        for j in range(6):
-            here = min(angles[p, j] - machine.wrist.limits[j, 0], machine.wrist.limits[j, 1] - angles[p, j])
-            if here < least:
-                least, joint = here, j
+        here, which = tightest(machine.wrist.limits, angles[p])
+        if here < least:
+            least, joint = here, which
     return joint
 
 

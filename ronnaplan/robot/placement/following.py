@@ -7,6 +7,7 @@ import numpy as np
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.arm.compiled import ALL, near_postures, nearest_turn
+from ronnaplan.robot.arm.limits import tightest
 from ronnaplan.robot.arm.links import times
 from ronnaplan.robot.arm.refined import refined
 from ronnaplan.robot.arm.singular import singularity
@@ -21,19 +22,9 @@ NOTHING = -1.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def joint_margin(limits: FloatArray, angles: FloatArray) -> float:
-    """Return the least distance (rad) of ``angles`` (6,) from their ``limits`` (6, 2); negative beyond."""
-    least = np.inf
-    for j in range(6):
-        low, high = limits[j, 0], limits[j, 1]
-        least = min(least, min(angles[j] - low, high - angles[j]))
-    return least
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def lessen(wrist: Wrist, angles: FloatArray, margins: FloatArray) -> None:
     """Lessen ``margins`` (2,) of joints and of singular postures, in rad, to those of ``angles`` (6,)."""
-    margins[0] = min(margins[0], joint_margin(wrist.limits, angles))
+    margins[0] = min(margins[0], tightest(wrist.limits, angles)[0])
     margins[1] = min(margins[1], singularity(wrist, angles))
 
 

@@ -64,12 +64,14 @@ def machine_of(arm: SerialArm, room: Room, instruments: FloatArray = NO_INSTRUME
     """
     wrist = wrist_of(arm)
     _require_posture(arm, room.reference_deg)
-    machine = machine_in_any(arm, room, wrist, instruments)
+    machine = unchecked_machine(arm, room, wrist, instruments)
     _require_apart(machine, arm, room)
     return machine
 
 
-def machine_in_any(arm: SerialArm, room: Room, wrist: Wrist, instruments: FloatArray = NO_INSTRUMENTS) -> Machine:
+def unchecked_machine(
+    arm: SerialArm, room: Room, wrist: Wrist, instruments: FloatArray = NO_INSTRUMENTS
+) -> Machine:
     """Return the robot, of the arm's ``wrist``, as `machine_of` does whatever the reference posture."""
     links, bodies, tool_from = bodies_of(arm, room)
     carriers = np.append(links, len(arm))  # the instrument goes with the last link
@@ -153,14 +155,14 @@ def _require_apart(machine: Machine, arm: SerialArm, room: Room) -> None:
     What stands on the base is left out: how joint 1 stands to it is told by the tasks.
     """
     names = body_names(arm, room)
-    (here,) = _apart_mm(machine, arm, np.radians([room.reference_deg]))
+    (here,) = _distances_mm(machine, arm, np.radians([room.reference_deg]))
     for k, j in np.argwhere((machine.kept[:-1] != FREE) & (machine.links > 0)).tolist():
         need = room.margins.clearance_mm if machine.kept[k, j] == CLEAR else 0.0
         if here[k, j] >= need:
             continue
         low, high = machine.wrist.limits.T
         postures = np.random.default_rng(0).uniform(low, high, (SAMPLED, len(arm)))
-        greatest = float(_apart_mm(machine, arm, postures)[:, k, j].max())
+        greatest = float(_distances_mm(machine, arm, postures)[:, k, j].max())
         if greatest < need:
             raise InputError(
                 f"{names[k]} {how_near(greatest)} {names[j]} in {SAMPLED} postures between the joints' limits, as both "
@@ -173,7 +175,7 @@ def _require_apart(machine: Machine, arm: SerialArm, room: Room) -> None:
         )
 
 
-def _apart_mm(machine: Machine, arm: SerialArm, postures: FloatArray) -> FloatArray:
+def _distances_mm(machine: Machine, arm: SerialArm, postures: FloatArray) -> FloatArray:
     """Return how far each body is from those before it in ``postures`` (P, 6), rad: (P, K, K), of others infinite."""
     frames = link_frames(arm, postures)
     found = np.full((len(postures), len(machine.links), len(machine.links)), np.inf)

@@ -33,6 +33,7 @@ def what_comes_near(
         here = nearest_mm(machine, postures_deg)
         where[here < least] = number
         least = np.minimum(here, least)
+    # The ways were found free by other postures between the same ones: half a mm less than none is none.
     return tuple(
         f"{names[machine.tool_from + k]} comes within {max(floor(least[k, j]), 0)} mm of {names[j]} "
         f"{passages[where[k, j]][0]}: the two are only kept from overlapping"

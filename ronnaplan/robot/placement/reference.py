@@ -15,7 +15,7 @@ from ronnaplan.robot.arm.inverse import inverse
 from ronnaplan.robot.arm.quality import joint_margins_deg, singularity_deg
 from ronnaplan.robot.arm.wrist import Wrist, reach_mm, shoulder_mm, wrist_of
 from ronnaplan.robot.placement.clearances import posture_margins, standing_on
-from ronnaplan.robot.placement.machine import machine_in_any
+from ronnaplan.robot.placement.machine import unchecked_machine
 from ronnaplan.robot.placement.room import Room
 from ronnaplan.robot.placement.world import world_of
 
@@ -85,7 +85,7 @@ def _mounted(wrist: Wrist, arm: SerialArm) -> FloatArray:
 def _margins(arm: SerialArm, room: Room, wrist: Wrist, postures: FloatArray) -> FloatArray:
     """Return the least margin (N,) of each of ``postures`` (N, 6) in rad, as a part of what is enough."""
     joints = joint_margins_deg(arm, postures)[:, 1:].min(axis=1)
-    machine, bare = machine_in_any(arm, room, wrist), replace(room, boxes=(), capsules=(), tracker=None)
+    machine, bare = unchecked_machine(arm, room, wrist), replace(room, boxes=(), capsules=(), tracker=None)
     base = rigid(np.eye(3), np.array([0.0, 0.0, room.floor.z_mm[0]]))
     if _mounted(wrist, arm)[2] < UPRIGHT:
         machine, base[2, 3] = machine._replace(trolley=machine.trolley[:0]), HIGH_MM

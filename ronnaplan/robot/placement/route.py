@@ -15,6 +15,7 @@ import numpy as np
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
+from ronnaplan.robot.arm.limits import tightest
 from ronnaplan.robot.placement.clearances import posture_margins, standing_on
 from ronnaplan.robot.placement.machine import Machine
 from ronnaplan.robot.placement.order import LESS, cheapest, shortest
@@ -61,7 +62,7 @@ class _Moves:
         if key not in self.known:
             machine, world = self.problem.machine, self.problem.world
             free = is_free(machine, world, self.base, np.radians([a, b]), np.radians(STEP_DEG))
-            self.known[key] = self.known[key[::-1]] = _apart(a, b) if free else np.inf
+            self.known[key] = self.known[key[::-1]] = _farthest_turn_deg(a, b) if free else np.inf
         return self.known[key]
 
     def by_reference(self, a: FloatArray, b: FloatArray) -> float:
@@ -71,7 +72,7 @@ class _Moves:
     def least(self, a: FloatArray, b: FloatArray) -> float:
         """Return what the better of both ways counts."""
         around = self.by_reference(a, b)
-        return around if _apart(a, b) > around else min(self.direct(a, b), around)
+        return around if _farthest_turn_deg(a, b) > around else min(self.direct(a, b), around)
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,9 +173,8 @@ def _shifted(problem: Problem, one: Served, first: FloatArray) -> Served:
     if (first == one.angles_deg[0]).all():
         return one
     angles = one.angles_deg + (first - one.angles_deg[0])
-    limits = np.degrees(problem.machine.wrist.limits)
-    margin = float(np.minimum(angles - limits[:, 0], limits[:, 1] - angles).min())
-    return replace(one, angles_deg=angles, joint_deg=margin)
+    margin = min(tightest(problem.machine.wrist.limits, posture)[0] for posture in np.radians(angles))
+    return replace(one, angles_deg=angles, joint_deg=float(np.degrees(margin)))
 
 
 def _tour(moves: _Moves, turned: Sequence[FloatArray], groups: Sequence[list[int]], start: Sequence[int]) -> _Tour:
@@ -239,7 +239,7 @@ def _through(moves: _Moves, turned: Sequence[FloatArray], order: Sequence[int], 
     return float(sum(moves.least(a, b) for a, b in itertools.pairwise(postures)))
 
 
-def _apart(a: FloatArray, b: FloatArray) -> float:
+def _farthest_turn_deg(a: FloatArray, b: FloatArray) -> float:
     return float(np.abs(a - b).max())
 
 
