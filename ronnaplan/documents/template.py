@@ -47,18 +47,16 @@ class TemplateDocument(DocumentModel):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        size = len(self.labels)
         require_different_names("markers", self.labels)
         if bool(self.distances) == bool(self.centers):
             raise ValueError("distances or centers are needed, and not both")
-        if self.centers and len(self.centers) != size:
-            raise ValueError(f"there are {len(self.centers)} centers for {size} labels")
-        if self.distances and (len(self.distances) != size or any(len(row) != size for row in self.distances)):
-            raise ValueError(f"the distances are no {size} x {size} matrix")
-        matrix = self.distances_mm
-        if (matrix != matrix.T).any() or (np.diag(matrix) != 0).any():
-            raise ValueError("the distances are not symmetric with a zero diagonal")
-        if (matrix + np.eye(size) <= 0).any():
+        if len({len(row) for row in self.distances}) > 1:
+            raise ValueError("the rows of the distances are not of one length")
+        try:
+            matrix = self.template.distances_mm
+        except InputError as error:
+            raise ValueError(str(error)) from error
+        if (matrix + np.eye(len(matrix)) <= 0).any():
             raise ValueError("two markers are at the same place")
         if matrix.max() < SMALLEST_MM:
             raise ValueError(f"all markers lie within {matrix.max():.2g} mm of each other; is that in metres?")
@@ -71,24 +69,18 @@ class TemplateDocument(DocumentModel):
         return self
 
     @property
-    def distances_mm(self) -> FloatArray:
-        """Distances (N, N)."""
-        if self.distances:
-            return np.array(self.distances)
-        places = np.array(self.centers)
-        apart: FloatArray = np.linalg.norm(places[:, np.newaxis] - places, axis=-1)
-        return apart
-
-    @property
     def centers_mm(self) -> FloatArray:
         """The markers' places (N, 3): as stated, or such that they have the distances, up to mirroring."""
         return self._nearest_points()[0]
 
     @property
     def template(self) -> Template:
-        """What the localizer looks for."""
-        centers = np.array(self.centers) if self.centers else None
-        return Template(self.name, self.labels, self.distances_mm, self.tolerance, centers)
+        """What the localizer looks for; raises `InputError` for distances or centers that none has."""
+        if self.distances:
+            return Template(self.name, self.labels, np.array(self.distances), self.tolerance)
+        centers = np.array(self.centers)
+        apart = np.linalg.norm(centers[:, np.newaxis] - centers, axis=-1)
+        return Template(self.name, self.labels, apart, self.tolerance, centers)
 
     def placed(self, frame: Frame, sigma_mm: float) -> Points:
         """Return the markers at their stated places in ``frame``, which err by ``sigma_mm`` per axis.

@@ -40,13 +40,6 @@ class Template:
         check_type(self.labels, (tuple, list), "the labels of a template", "give a name for each marker")
         count, whose = len(self.labels), f"the distances of template '{self.name}'"
         object.__setattr__(self, "labels", tuple(self.labels))
-        expected = f"({count}, {count}) in mm, between the markers of its {count} labels"
-        distances_mm = as_numbers(self.distances_mm, whose, expected)
-        object.__setattr__(self, "distances_mm", distances_mm)
-        if distances_mm.shape != (count, count):
-            raise InputError(f"{whose} have shape {distances_mm.shape}; expected {expected}")
-        if not np.allclose(distances_mm, distances_mm.T, rtol=0.0, atol=EXACT_MM) or np.diag(distances_mm).any():
-            raise InputError(f"{whose} are not finite and symmetric with a zero diagonal; expected {expected}")
         if self.centers_mm is not None:
             centers_mm = as_points(self.centers_mm, f"the centers of template '{self.name}'")
             object.__setattr__(self, "centers_mm", centers_mm)
@@ -54,6 +47,13 @@ class Template:
                 raise InputError(
                     f"template '{self.name}' has {len(centers_mm)} centers for {count} labels; give one for each"
                 )
+        expected = f"({count}, {count}) in mm, between the markers of its {count} labels"
+        distances_mm = as_numbers(self.distances_mm, whose, expected)
+        object.__setattr__(self, "distances_mm", distances_mm)
+        if distances_mm.shape != (count, count):
+            raise InputError(f"{whose} have shape {distances_mm.shape}; expected {expected}")
+        if not np.allclose(distances_mm, distances_mm.T, rtol=0.0, atol=EXACT_MM) or np.diag(distances_mm).any():
+            raise InputError(f"{whose} are not finite and symmetric with a zero diagonal; expected {expected}")
 
     def __repr__(self) -> str:
         return f"Template({self.name}: {', '.join(self.labels)}, distances right within {self.tolerance_mm:g} mm)"
