@@ -27,8 +27,6 @@ from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
 from ronnaplan.planning import INSTRUMENTS, Landmarks, Limits, Plan, Trajectory
 from ronnaplan.planning.angles import RAS_IN_LPS
-from ronnaplan.planning.limits import Verdict
-from ronnaplan.planning.rows import value_and_limit
 from ronnaplan.report import marker_part
 from ronnaplan.report.html import html_of
 from ronnaplan.report.quality import quality_report
@@ -243,24 +241,6 @@ def test_a_proposed_path_is_proposed_with_the_figures_that_plan_check_gives_it(
 
 def error_at_target(said: dict[str, Any]) -> float | None:
     return None if said["expected_error"] is None else said["expected_error"]["tre_rms_mm"][-1]
-
-
-def test_a_value_beyond_its_limit_is_never_written_like_the_limit() -> None:
-    def written(value: float, limit: float) -> tuple[str, str]:
-        return value_and_limit(Verdict("T", "error", value, "mm", limit, value <= limit))
-
-    assert written(0.5, 0.75) == ("0.50", "0.75")
-    assert written(0.75, 0.75) == ("0.75", "0.75")
-    assert written(0.7504, 0.75) == ("0.7504", "0.7500")
-    assert written(np.nextafter(0.75, 1.0), 0.75) == ("0.75", "0.75")
-
-
-def test_a_limit_is_written_as_it_was_stated() -> None:
-    """One of 0.485 was told as 0.48, and one of 0.996 as 1.00."""
-    for value, limit, told in ((0.487, 0.485, ("0.487", "0.485")), (0.991, 0.996, ("0.991", "0.996"))):
-        assert value_and_limit(Verdict("T", "error", value, "mm", limit, passes=False)) == told
-    summed = Verdict("T", "error", 0.31, "mm", 0.1 + 0.2, passes=False)
-    assert value_and_limit(summed) == ("0.31", "0.30"), "a sum's last binary digit is nobody's statement"
 
 
 BAD = (

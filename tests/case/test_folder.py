@@ -10,9 +10,11 @@ from pathlib import Path
 import pytest
 
 from ronnaplan.case.folder import Case, CaseFiles, read_case, read_scan
+from ronnaplan.documents.fiducials import Source
 from ronnaplan.documents.plan import write_plan
 from ronnaplan.errors import FrameMismatchError, InputError
 from tests import cases
+from tests.documents.placements import placed
 
 
 def test_everything_in_the_folder_and_what_was_stated_is_read_and_told(tmp_path: Path) -> None:
@@ -89,3 +91,9 @@ def test_a_scan_that_lies_in_the_case_and_cannot_be_used_is_not_passed_over(tmp_
     (tmp_path / "ct" / "1.dcm").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(InputError, match=r"ct holds no usable CT series"):
         read_scan(tmp_path, None, None)
+
+
+def test_a_placement_of_another_scan_is_refused() -> None:
+    other = placed(source=Source(frame_of_reference_uid="1.2.3.4", voxel_sha256="0" * 64))
+    with pytest.raises(FrameMismatchError, match=r"placement\.json is in frame"):
+        Case(plan=cases.plan(), placement=other)

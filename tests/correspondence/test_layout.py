@@ -11,7 +11,13 @@ from scipy.special import ndtri
 
 from ronnaplan.correspondence import describe_layout, match_points
 from ronnaplan.correspondence.evidence import FEW_PAIRS, MOST_ODDS_IF_LARGER, SCALE_PRIORS, SCALES
-from ronnaplan.correspondence.layout import LOWEST_SIGMAS, MIRROR_REACH_MM, QUADRATURE_STEPS, Layout
+from ronnaplan.correspondence.layout import (
+    LOWEST_SIGMAS,
+    MIRROR_REACH_MM,
+    QUADRATURE_STEPS,
+    Layout,
+    mirror_distance,
+)
 from ronnaplan.errors import InputError, RonnaplanError
 from tests.correspondence.scenes import HEAD, SIGMA_CT, SIGMA_OTS
 from tests.long import few_and_others
@@ -72,6 +78,12 @@ def test_a_layout_alike_on_the_left_and_right_is_its_own_mirror_image_until_a_ma
     points[0, 2] += 15.0
     assert describe_layout(points).mirror_distance_mm > 6.0
     assert "left-handed" in match_points(points, points * [1, 1, -1]).reason
+
+
+def test_a_layout_that_equals_its_mirror_image_has_a_mirrored_rival_at_zero() -> None:
+    kite = np.array([[-30.0, 0, 0], [30.0, 0, 0], [0.0, 50, 0], [0.0, -20, 10]])
+    assert mirror_distance(kite) == pytest.approx(0.0, abs=1e-5)
+    assert describe_layout(kite).rival_distance_mm > 1.0
 
 
 def test_a_collinear_layout_is_always_refused() -> None:

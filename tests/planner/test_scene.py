@@ -22,7 +22,7 @@ from ronnaplan.planning.electrodes import ELECTRODES
 from ronnaplan.scene.camera import Camera
 from ronnaplan.scene.shapes import ball
 from tests import cases
-from tests.scene.test_robot import document
+from tests.documents.placements import placed
 
 
 @pytest.fixture
@@ -105,7 +105,7 @@ def test_only_what_is_left_of_an_opened_head_is_picked(scene: Scene) -> None:
 
 def test_what_the_robot_s_place_does_not_hold_for_is_told(tmp_path: Path) -> None:
     cases.write_case(tmp_path)
-    (tmp_path / "placement.json").write_text(to_json(document()))
+    (tmp_path / "placement.json").write_text(to_json(placed()))
     state = PlannerState(cases.volume(), Storage.of(str(tmp_path / "plan.json"), None, None))
     tab = Tab(state)
     tab.refresh()
@@ -117,7 +117,7 @@ def test_what_the_robot_s_place_does_not_hold_for_is_told(tmp_path: Path) -> Non
         *as_placed,
         "nothing says that the robot's place serves trajectory left as it is now; run 'robot place' again",
     ]
-    blocked = document(robot_from_ct=(), status="blocked", blocked=("joint 5 is beyond its limit",))
+    blocked = placed(robot_from_ct=(), status="blocked", blocked=("joint 5 is beyond its limit",))
     (tmp_path / "placement.json").write_text(to_json(blocked))
     state.case.look_again()
     tab.refresh()
@@ -130,7 +130,7 @@ def test_the_robot_is_shown_where_its_placement_lies_beside_the_plan(tmp_path: P
     cases.write_case(tmp_path)
     state = PlannerState(cases.volume(), Storage.of(str(tmp_path / "plan.json"), None, None))
     assert state.case.placement is None
-    for written in (document(), document().model_copy(update={"arm": "another arm"})):
+    for written in (placed(), placed().model_copy(update={"arm": "another arm"})):
         (tmp_path / "placement.json").write_text(to_json(written))
         assert state.case.look_again(), "what another hand placed is shown in a planner that is open"
         assert state.case.placement == written

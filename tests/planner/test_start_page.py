@@ -24,9 +24,9 @@ from ronnaplan.planner.places import Places, rows, series_at
 from ronnaplan.planner.starting import StartPage
 from ronnaplan.planning import Plan
 from tests import cases
+from tests.documents.placements import placed
 from tests.loops import run
 from tests.planner.browser import PATIENCE_MS, environment, eventually, needs_browser
-from tests.scene.test_robot import document as placement_document
 
 
 @pytest.fixture
@@ -98,7 +98,7 @@ def test_a_scan_in_a_folder_with_another_scans_plan_is_not_gone_on_with(scans: P
         made = dcmread(file)
         made.FrameOfReferenceUID = "1.2.3"
         made.save_as(file)
-    (study / "placement.json").write_text(to_json(placement_document()))
+    (study / "placement.json").write_text(to_json(placed()))
     (row,) = rows(series_at(study, scans))
     strangers = "plan.json, fiducials.json, registration.json, placement.json"
     assert (row["known"], row["strangers"]) == (False, strangers)

@@ -1,11 +1,9 @@
 """Poses out of recordings: which belong together, and where something that rested was, by poses or single spheres."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.errors import InputError, RefusedError
@@ -23,7 +21,6 @@ from ronnaplan.robot.recorded import (
     tool_poses,
     uncounted,
 )
-from ronnaplan.robot.stereo.images import read_pairs
 from ronnaplan.tracking import PointReading, Recording, ToolReading
 
 SPHERES = np.array([[0.0, 60, 0], [45, 0, 0], [0, -75, 0], [-90, 0, 0]])
@@ -205,37 +202,3 @@ def test_poses_that_do_not_count_are_told() -> None:
 def test_the_robots_error_is_about_its_tcp() -> None:
     pose = robot_pose(placed(4), 0.03, 0.01)
     np.testing.assert_allclose(np.sqrt(np.diag(pose.point_covariances(np.zeros((1, 3)))[0])), 0.03)
-
-
-def test_images_are_paired_by_their_number(tmp_path: Path) -> None:
-    def image(side: str, name: str, values: np.ndarray) -> None:
-        (tmp_path / side).mkdir(exist_ok=True)
-        Image.fromarray(values).save(tmp_path / side / name)
-
-    grey = np.full((40, 50), 7, np.uint8)
-    image("left", "002.png", grey)
-    image("left", "010.png", grey + 1)
-    image("right", "2.png", grey + 2)
-    with pytest.raises(InputError, match="frame 10 with one camera only"):
-        read_pairs(tmp_path)
-    image("right", "10.png", grey + 3)
-    pairs = read_pairs(tmp_path)
-    assert {number: (left[0, 0], right[0, 0]) for number, (left, right) in pairs.items()} == {
-        2: (7, 9),
-        10: (8, 10),
-    }
-    image("left", "11.png", grey)
-    image("right", "11.png", grey + 2)
-    with pytest.raises(InputError, match=r"the same images as frames 2 and 11"):  # copied boards counted as others
-        read_pairs(tmp_path)
-    for side in ("left", "right"):
-        (tmp_path / side / "11.png").unlink()
-    image("left", "last.png", grey)
-    with pytest.raises(InputError, match="not named by the number"):
-        read_pairs(tmp_path)
-    (tmp_path / "left" / "last.png").unlink()
-    image("right", "10.png", np.zeros((40, 50, 3), np.uint8))
-    with pytest.raises(InputError, match="one grey value"):
-        read_pairs(tmp_path)
-    with pytest.raises(InputError, match="no folder"):
-        read_pairs(tmp_path / "nowhere")
