@@ -19,11 +19,12 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.geometry import FloatArray, unit
-from ronnaplan.pose import Pose, invert, rigid
+from ronnaplan.pose import Pose
 from ronnaplan.report.tables import align
 from ronnaplan.robot.hand_eye import calibrate_hand_eye
 from ronnaplan.robot.pivot import calibrate_pivot
 from ronnaplan.tracking import read_recording
+from ronnaplan.transforms import invert, rigid
 
 PIVOT_MM = np.array([-800.0, -85, -2100])
 ORIENTATION_DEG = 0.06

@@ -22,11 +22,11 @@ from scipy.spatial import cKDTree
 from benchmarks.matchers import ACCEPT_MM, Pairs, dense_clique, exhaustive, hungarian_icp
 from ronnaplan.correspondence import match_by_similarity, match_points
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import transform_points
 from ronnaplan.rigid import fit_closed_form
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 from ronnaplan.studies.heads import HEADS_MM
 from ronnaplan.studies.scenes import random_rotations, simulate_scenes, uniform_in_ball
+from ronnaplan.transforms import transform_points
 
 CASES = ((3, 0), (3, 4), (4, 0), (4, 4), (8, 0), (8, 4))
 GIVEN_SHARE = 0.8

@@ -18,7 +18,6 @@ from scipy.special import fdtrc, gammaincc
 
 from benchmarks.tre import SIGMA_MM, random_covariances, random_layout
 from ronnaplan.geometry import FloatArray, Frame, Points, unit
-from ronnaplan.pose import transform_points
 from ronnaplan.registration import (
     Drift,
     DriftStatus,
@@ -32,6 +31,7 @@ from ronnaplan.registration.flags import MISFIT_PROBABILITY
 from ronnaplan.report.tables import align
 from ronnaplan.rigid import COLLINEARITY_TOLERANCE, fit_closed_form, fit_likelihood
 from ronnaplan.sigmas import SIGMA_OTS_MM
+from ronnaplan.transforms import transform_points
 
 READING_MM = SIGMA_OTS_MM
 OTS = Frame("OTS")

@@ -20,13 +20,14 @@ from phantoms.cameras import board_image, project, sphere_image
 from phantoms.robot_session import CAMERAS, CORNERS, DIAMETER_MM, DISTORTIONS, MATRICES, SIZE
 from ronnaplan.errors import RonnaplanError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import Pose, invert, rigid, transform_points
+from ronnaplan.pose import Pose
 from ronnaplan.report.tables import align
 from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.stereo.calibration import calibrate_on_board
 from ronnaplan.robot.stereo.camera import RIG
 from ronnaplan.robot.stereo.sphere import StereoSphere, locate_sphere
 from ronnaplan.sigmas import LARGEST_STATED_MM
+from ronnaplan.transforms import invert, rigid, transform_points
 
 REPORTED = 9300
 """Seeds from here on are reported; those from 9100 on were looked at while tuning."""

@@ -16,10 +16,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.geometry import FloatArray, rms_mm
-from ronnaplan.pose import point_jacobian, rotation_sd_deg
 from ronnaplan.registration import predict_tre, register_batch
 from ronnaplan.registration.planned import planned_pose
 from ronnaplan.report.tables import align
+from ronnaplan.transforms import point_jacobian, rotation_sd_deg
 
 SIGMA_MM = 0.35
 MOVING_SHARES = (0.0, 0.2, 0.5, 0.9)

@@ -12,7 +12,7 @@ from ronnaplan.bounds import LARGEST_SPREAD_MM, SMALLEST_SPREAD_MM
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.minimize import minimize
-from ronnaplan.pose import about, exponential, nearest_rotations, point_jacobian, rigid, transform_points
+from ronnaplan.transforms import about, exponential, nearest_rotations, point_jacobian, rigid, transform_points
 
 COLLINEARITY_TOLERANCE = 1e-3
 """Second singular value of the centered points over the first below which they count as one line (0.1 mm in 10

@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from ronnaplan.errors import FrameMismatchError, InputError, RonnaplanError
 from ronnaplan.geometry import Frame
-from ronnaplan.pose import Pose, as_pose, as_poses, exponential
+from ronnaplan.pose import Pose, as_pose, as_poses
 
 A, B, C = Frame("A"), Frame("B"), Frame("C")
 
@@ -108,12 +108,6 @@ def test_a_pose_keeps_what_it_was_given() -> None:
     pose = Pose(matrix, covariance, A, B)
     matrix[0, 3], covariance[0, 0] = 5.0, 7.0
     assert (pose.translation_mm[0], pose.covariance[0, 0]) == (0.0, 1.0)
-
-
-@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-6, 0.3, np.pi, 5.0])
-def test_exponential_is_the_rotation_by_the_vector(angle: float) -> None:
-    vector = angle * np.array([0.36, -0.48, 0.8])
-    np.testing.assert_allclose(exponential(vector), Rotation.from_rotvec(vector).as_matrix(), atol=1e-14)
 
 
 def test_frames_must_meet() -> None:

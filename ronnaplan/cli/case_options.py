@@ -147,7 +147,8 @@ def _frame_axes(numbers: list[float] | None) -> FloatArray:
     import numpy as np
 
     from ronnaplan.planning.angles import RAS_IN_LPS
-    from ronnaplan.pose import as_pose, rigid
+    from ronnaplan.pose import as_pose
+    from ronnaplan.transforms import rigid
 
     if numbers is None:
         return RAS_IN_LPS

@@ -8,8 +8,8 @@ from ronnaplan.correspondence.evidence import ROTATION_PRECISION, log_misfit
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.problem import Problem
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import point_jacobian, transform_points
 from ronnaplan.rigid import fit_likelihood
+from ronnaplan.transforms import point_jacobian, transform_points
 
 
 def anisotropic_log_evidence(

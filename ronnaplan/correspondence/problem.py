@@ -13,8 +13,8 @@ from ronnaplan.correspondence.inputs import ErrorModel
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.told import Told
 from ronnaplan.geometry import MIRROR, FloatArray
-from ronnaplan.pose import transform_points
 from ronnaplan.rigid import fit_closed_form
+from ronnaplan.transforms import transform_points
 
 MOVED_MM = 20.0
 """Markers that were knocked lie no further than this from where the others say that they should be."""

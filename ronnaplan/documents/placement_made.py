@@ -11,7 +11,6 @@ from ronnaplan.documents.placement import PathEntry, PlacementDocument
 from ronnaplan.documents.reading import made
 from ronnaplan.geometry import FloatArray, Points, unit
 from ronnaplan.planning import Plan
-from ronnaplan.pose import transform_points
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.forward import forward, link_frames
 from ronnaplan.robot.arm.wrist import center_mm, reach_mm, shoulder_mm, wrist_of
@@ -20,6 +19,7 @@ from ronnaplan.robot.placement.placement import Place, Placement
 from ronnaplan.robot.placement.room import Box, Room, Tool, base_place
 from ronnaplan.robot.placement.serving import Served
 from ronnaplan.robot.placement.world import moved_row
+from ronnaplan.transforms import transform_points
 
 
 def placement_document(

@@ -34,11 +34,12 @@ from ronnaplan.documents.reading import read_document
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import Frame, Points, rms_mm
 from ronnaplan.planning.uncertainty import ExpectedPose
-from ronnaplan.pose import Pose, as_pose, transform_points
+from ronnaplan.pose import Pose, as_pose
 from ronnaplan.registration.flags import RegistrationFlag
 from ronnaplan.registration.maps import error_map
 from ronnaplan.sigmas import SIGMA_OTS_MM
 from ronnaplan.tracking.recording import OTS
+from ronnaplan.transforms import transform_points
 
 FORMAT = "ronnaplan.registration"
 SAME_ERROR = 1e-6

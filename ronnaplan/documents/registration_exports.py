@@ -16,8 +16,8 @@ from ronnaplan.documents.markups import LPS_AXES, SCHEMA
 from ronnaplan.documents.reading import plain_json
 from ronnaplan.documents.registration import PairEntry, RegistrationDocument
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import invert
 from ronnaplan.tracking.cells import plain_text
+from ronnaplan.transforms import invert
 
 RESIDUAL_COLOURS = ((0.5, "residuals below 0.5 mm", [0.1, 0.7, 0.2]), (1.0, "0.5 to 1 mm", [0.95, 0.75, 0.1]))
 """Upper end (mm), words and colour (RGB) of a residual; longer ones are `LONG_RESIDUAL`."""

@@ -25,10 +25,11 @@ from ronnaplan.documents.ros import yaml_number
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import Plan
-from ronnaplan.pose import Pose, about, as_pose
+from ronnaplan.pose import Pose, as_pose
 from ronnaplan.robot.chain import TCP, R
 from ronnaplan.robot.trajectories import RobotTrajectory
 from ronnaplan.text import listed
+from ronnaplan.transforms import about
 
 if TYPE_CHECKING:
     from ronnaplan.documents.placement import PlacementDocument

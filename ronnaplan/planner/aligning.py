@@ -10,8 +10,8 @@ from typing import Any, Final
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import transform_points
 from ronnaplan.scene.field import Field
+from ronnaplan.transforms import transform_points
 
 BINS, SHARE, SEED = 40, 0.25, 1
 """Of the mutual information (Mattes): bins, and which share of the cells is looked at."""

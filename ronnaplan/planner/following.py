@@ -15,9 +15,9 @@ from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.storage import PIVOT, Storage
 from ronnaplan.planning import Trajectory
-from ronnaplan.pose import invert
 from ronnaplan.text import isolated
 from ronnaplan.tracking.recording import Recording, require_one_system
+from ronnaplan.transforms import invert
 
 if TYPE_CHECKING:
     from ronnaplan.documents.tool import PivotDocument

@@ -17,10 +17,10 @@ from ronnaplan.planner.aligning import Alignment, align
 from ronnaplan.planner.cuts import Shades, shaded
 from ronnaplan.planner.worker import Job, Start
 from ronnaplan.planning.sampling import AIR_HU, SliceSampler
-from ronnaplan.pose import transform_points
 from ronnaplan.scene.cut import Cut
 from ronnaplan.scene.field import Field
 from ronnaplan.scene.sampled import values_hu
+from ronnaplan.transforms import transform_points
 
 CELL_MM = 2.0
 """Both images are registered on cells of this size."""

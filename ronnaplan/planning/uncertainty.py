@@ -12,10 +12,11 @@ from numpy.typing import ArrayLike
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Points, as_points, require_sigma, rms_mm
 from ronnaplan.planning.trajectory import Trajectory
-from ronnaplan.pose import Pose, point_jacobian, rotation_sd_deg
+from ronnaplan.pose import Pose
 from ronnaplan.registration.flags import LOOSE_ROTATION_DEG
 from ronnaplan.registration.planned import planned_pose
 from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
+from ronnaplan.transforms import point_jacobian, rotation_sd_deg
 
 TUBE_SIGMAS = 2.4477
 """Root of the 95 % quantile of chi-square with two degrees of freedom: the radius of the tube."""

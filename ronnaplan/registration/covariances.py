@@ -7,8 +7,8 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, as_numbers, require_covariances
-from ronnaplan.pose import transform_points
 from ronnaplan.rigid import corrected_points, freedom, pose_covariance
+from ronnaplan.transforms import transform_points
 
 SMALLEST_VARIANCE_MM2 = 1e-18
 """Keeps a perfect (synthetic) fit's covariance invertible; a nanometre is no marker's error."""

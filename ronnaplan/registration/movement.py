@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import transform_points
 from ronnaplan.rigid import fit_likelihood, pose_covariance, spans_a_plane
+from ronnaplan.transforms import transform_points
 
 MOVES_PRIOR = 1e-3
 """Chance, before the readings, that the body moved, and likewise each marker by itself: one event explains more readily

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from ronnaplan.correspondence import Pairing, match_points
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, Points, as_points
-from ronnaplan.pose import point_jacobian, transform_points
 from ronnaplan.registration.registration import Registration, register_points
+from ronnaplan.transforms import point_jacobian, transform_points
 
 CONFIDENCE = 0.95
 """Of every interval that is stated, and of the ellipsoids that markers are counted in."""

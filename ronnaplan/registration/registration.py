@@ -15,7 +15,6 @@ from ronnaplan.display import Shown, coordinates
 from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray, Frame, as_points, rms_mm
 from ronnaplan.pose import Pose as Pose
-from ronnaplan.pose import invert, point_jacobian, rotation_sd_deg, transform_points
 from ronnaplan.registration.covariances import (
     Covariances,
     as_pair,
@@ -26,6 +25,7 @@ from ronnaplan.registration.covariances import (
 from ronnaplan.registration.flags import LOOSE_ROTATION_DEG, MIRROR_GAIN, MISFIT_PROBABILITY, RegistrationFlag
 from ronnaplan.registration.stretch import explaining_stretch
 from ronnaplan.rigid import fit_closed_form, fit_likelihood, fre_rms_mm, freedom, require_spread
+from ronnaplan.transforms import invert, point_jacobian, rotation_sd_deg, transform_points
 
 if TYPE_CHECKING:
     from ronnaplan.ct.volume import CTVolume, ScalarMap

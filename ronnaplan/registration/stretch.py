@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import point_jacobian, transform_points
+from ronnaplan.transforms import point_jacobian, transform_points
 
 STRETCH_SD = 0.03
 """Wrong pixel sizes, slice distances and scales of trackers are of some per cent: what needs more is another fault."""

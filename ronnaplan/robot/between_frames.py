@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import exponential
 from ronnaplan.robot.twists import apart
+from ronnaplan.transforms import exponential
 
 TELL_BETWEEN = 4
 """So many poses beside each tell where it was between frames: of two, half a frame along a swift way errs by more than

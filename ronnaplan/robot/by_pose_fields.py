@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import adjoint, cross_matrix, invert
 from ronnaplan.robot.between_frames import moving
 from ronnaplan.robot.by_pose import Cause, Suspicion
+from ronnaplan.transforms import adjoint, cross_matrix, invert
 
 ALIKE = 10.0
 """Variance of what is alike in all poses, in that of what differs: over a recording an arm's axes and reach, and the

@@ -12,7 +12,8 @@ import numpy as np
 
 from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import Frame, Points
-from ronnaplan.pose import Pose, invert
+from ronnaplan.pose import Pose
+from ronnaplan.transforms import invert
 
 OTS, M, TCP, R = Frame("OTS"), Frame("M"), Frame("TCP"), Frame("R")
 

@@ -7,9 +7,10 @@ from dataclasses import replace
 
 from ronnaplan.errors import RefusedError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import Pose, rigid
+from ronnaplan.pose import Pose
 from ronnaplan.robot.chain import Capture
 from ronnaplan.robot.misread import mistake_in
+from ronnaplan.transforms import rigid
 
 ELSEWHERE_MM, ELSEWHERE_DEG = 3.0, 1.0
 """Robot and tracker that have not been moved come nearer than this to where the tool's calibration had them."""

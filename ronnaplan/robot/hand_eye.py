@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError, RefusedError, check_type
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import Pose, adjoint, as_poses, carried, first_told, invert, point_jacobian
+from ronnaplan.pose import Pose, as_poses, first_told
 from ronnaplan.robot.by_pose import Cause, Suspicion
 from ronnaplan.robot.by_pose_fields import fields, shows_scale
 from ronnaplan.robot.chain import OTS, TCP, M, R
@@ -30,6 +30,7 @@ from ronnaplan.robot.hand_eye_step import step_in
 from ronnaplan.robot.memory import Equations, least_squares_covariance
 from ronnaplan.robot.pivot import LONGEST_TOOL_MM
 from ronnaplan.robot.twists import apart, motion
+from ronnaplan.transforms import adjoint, carried, invert, point_jacobian
 
 FEWEST_POSES = 4
 """Three poses tell both unknowns, and next to nothing of their errors."""

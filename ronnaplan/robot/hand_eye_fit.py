@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import adjoint, cross_matrix, invert
 from ronnaplan.robot.hand_eye_start import FINEST, discrepancies
 from ronnaplan.robot.memory import least_squares
 from ronnaplan.robot.twists import motion
+from ronnaplan.transforms import adjoint, cross_matrix, invert
 
 STARTING_SDS = (1e-3, 1.0)
 """Errors of rotation, in rad, and translation, in mm, that the first step is weighed by."""

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import invert
 from ronnaplan.robot.between_frames import earlier, moving, within
 from ronnaplan.robot.hand_eye_fit import Fit, refine
 from ronnaplan.robot.hand_eye_start import FEWEST_TO_SHIFT, MUCH_BETTER, rms_per_axis
+from ronnaplan.transforms import invert
 
 LATE_ROUNDS = 6
 """So often, at most, it is told how late poses are: 2 frames of a slow way are first taken for 1.74."""

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import invert, nearest_rotations, rigid
 from ronnaplan.robot.pivot import FEWEST_FOR_SCATTER
 from ronnaplan.robot.scatter import robust_sd, too_long_for_direction
 from ronnaplan.robot.twists import apart
 from ronnaplan.text import listed, runs
+from ronnaplan.transforms import invert, nearest_rotations, rigid
 
 FINEST = (1e-9, 1e-6)
 """No tracker errs less, in rad and mm; poses without errors are taken to err by so much."""

@@ -16,7 +16,7 @@ import numpy as np
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import Points
-from ronnaplan.pose import Pose, adjoint, carried, invert
+from ronnaplan.pose import Pose
 from ronnaplan.registration import Drift, DriftStatus, check_drift, register_points
 from ronnaplan.registration.drift import DRIFT_PROBABILITY
 from ronnaplan.robot.chain import OTS, Capture, robot_from_ct
@@ -27,6 +27,7 @@ from ronnaplan.text import listed
 from ronnaplan.tracking import PointReading, Recording, ToolReading
 from ronnaplan.tracking.frames import LARGEST_STEP_MM, labelled_frames
 from ronnaplan.tracking.recording import OK
+from ronnaplan.transforms import adjoint, carried, invert
 
 
 class LiveStatus(StrEnum):

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import invert
+from ronnaplan.transforms import invert
 
 OTHER_ORDER = "angles about X, Y and Z are taken for such about Z, Y and X, or the other way round"
 OTHER_AXES = "axes that turn along are taken for fixed ones, or the other way round"

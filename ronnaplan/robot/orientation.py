@@ -7,10 +7,11 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray, as_covariances, as_points, unit
-from ronnaplan.pose import Pose, about, first_told, transform_points
+from ronnaplan.pose import Pose, first_told
 from ronnaplan.rigid import require_spread
 from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.pivot import PivotCalibration
+from ronnaplan.transforms import about, transform_points
 
 
 def frame_of_three(points_mm: ArrayLike) -> FloatArray:

@@ -15,11 +15,12 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, rms_mm
-from ronnaplan.pose import as_poses, as_stack, cross_matrix, first_told
+from ronnaplan.pose import as_poses, as_stack, first_told
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
 from ronnaplan.robot.misread import as_meant
 from ronnaplan.robot.scatter import robust_sd, too_long, too_long_for_direction
 from ronnaplan.text import counted, place, successive
+from ronnaplan.transforms import cross_matrix
 
 FEWEST_FOR_SCATTER = 10
 """Of fewer the scatter is not known, however often each is repeated."""

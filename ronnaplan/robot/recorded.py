@@ -9,7 +9,7 @@ import numpy as np
 
 from ronnaplan.errors import InputError, RefusedError, check_type
 from ronnaplan.geometry import FloatArray, Points, require_sigma
-from ronnaplan.pose import Pose, about, as_pose, require_millimetres_away, transform_points
+from ronnaplan.pose import Pose, as_pose, require_millimetres_away
 from ronnaplan.registration.marker_registration import MarkerRegistration, register_markers
 from ronnaplan.rigid import pose_covariance, require_spread
 from ronnaplan.robot.chain import OTS, TCP, M, R
@@ -17,6 +17,7 @@ from ronnaplan.robot.pivot import LONGEST_TOOL_MM
 from ronnaplan.sigmas import SIGMA_OTS_MM, SIGMA_ROBOT_DEG, SIGMA_ROBOT_MM
 from ronnaplan.tracking import Recording, find_markers
 from ronnaplan.tracking.recording import require_one_system, system_of
+from ronnaplan.transforms import about, transform_points
 
 STILL_MM, STILL_DEG = 0.5, 0.5
 """Poses of something that rests scatter less about their mean than this: a tracker's noise, no movement."""

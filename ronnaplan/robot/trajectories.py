@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike
 from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray, Frame, as_numbers, as_points, rms_mm, unit
 from ronnaplan.planning.trajectory import SHORTEST_PATH_MM
-from ronnaplan.pose import Pose, about, rigid
+from ronnaplan.pose import Pose
 from ronnaplan.robot.chain import R
 from ronnaplan.text import listed
+from ronnaplan.transforms import about, rigid
 
 NEARLY_ALONG_DEG = 20.0
 """A tool's roll whose x axis is asked so near to its trajectory turns three times as far as trajectories differ."""

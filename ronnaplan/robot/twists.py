@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import exponential, invert, rigid
+from ronnaplan.transforms import exponential, invert, rigid
 
 
 def motion(twist: FloatArray) -> FloatArray:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import invert
 from ronnaplan.scene.shapes import Body, ball, box, joined, moved, tube
 from ronnaplan.scene.things import Thing, rgb
+from ronnaplan.transforms import invert
 
 if TYPE_CHECKING:
     from ronnaplan.documents.placement import PlacementDocument

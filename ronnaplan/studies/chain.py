@@ -15,12 +15,13 @@ from pathlib import Path
 import numpy as np
 
 from ronnaplan.geometry import FloatArray, Frame, Points
-from ronnaplan.pose import Pose, about, exponential, invert, rigid, transform_points
+from ronnaplan.pose import Pose
 from ronnaplan.registration import Registration
 from ronnaplan.registration.marker_registration import register_markers
 from ronnaplan.robot.chain import OTS, TCP, Capture, M, R, robot_from_ct
 from ronnaplan.robot.recorded import locate_tool
 from ronnaplan.studies.blocks import Record, run_blocks, write_whole
+from ronnaplan.transforms import about, exponential, invert, rigid, transform_points
 
 SCANS = 6
 """Simulated scans, each with its own sessions."""

@@ -12,8 +12,9 @@ import numpy as np
 
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import FloatArray, Frame, require_sigma
-from ronnaplan.pose import POSE_TOLERANCE, as_pose, orthonormality_excess
+from ronnaplan.pose import POSE_TOLERANCE, as_pose
 from ronnaplan.text import printable
+from ronnaplan.transforms import orthonormality_excess
 
 OK = "ok"
 """Status of a reading that its source calls good."""

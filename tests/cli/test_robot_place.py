@@ -19,11 +19,11 @@ from ronnaplan.documents.room import read_room
 from ronnaplan.documents.room_example import EXAMPLE
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import cross_matrix
 from ronnaplan.robot.arm.inverse import inverse
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.placement.room import Room
 from ronnaplan.robot.placement.world import World, world_of
+from ronnaplan.transforms import cross_matrix
 from tests import cases
 from tests.cli.chains import parked_chain
 from tests.documents.test_room import with_arm_body

@@ -14,7 +14,6 @@ from ronnaplan.documents.placement import PlacementDocument, placement_text, rea
 from ronnaplan.documents.placement_made import placement_document
 from ronnaplan.documents.reading import to_json
 from ronnaplan.errors import InputError
-from ronnaplan.pose import transform_points
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.forward import link_frames
 from ronnaplan.robot.arm.kuka import kr6_r900
@@ -23,6 +22,7 @@ from ronnaplan.robot.placement.placement import Place, Placement
 from ronnaplan.robot.placement.room import Capsule, base_pose
 from ronnaplan.robot.placement.route import Route
 from ronnaplan.robot.placement.serving import Served
+from ronnaplan.transforms import transform_points
 from tests.robot.arm.arms import IIWA_M, KR6, UR5E_M, iiwa, ur
 from tests.robot.arm.test_kinematics import read
 from tests.robot.placement.cases import room

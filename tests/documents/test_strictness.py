@@ -31,7 +31,7 @@ from ronnaplan.documents.tool import hand_eye_document, pivot_document, read_han
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import Frame, Points
 from ronnaplan.planner.storage import Look
-from ronnaplan.pose import Pose, rigid
+from ronnaplan.pose import Pose
 from ronnaplan.registration.marker_registration import register_markers
 from ronnaplan.robot.arm.arm import HeldJoint
 from ronnaplan.robot.arm.forward import forward
@@ -46,6 +46,7 @@ from ronnaplan.robot.placement.serving import Served
 from ronnaplan.robot.stereo.calibration import StereoCalibration, TcpCalibration
 from ronnaplan.robot.stereo.camera import RIG, Boards, Camera
 from ronnaplan.robot.stereo.markers import RobotMarkers, register_robot_markers
+from ronnaplan.transforms import rigid
 from ronnaplan.untrusted import parse_json
 from tests import cases
 from tests.documents.test_fiducials import FOUND

@@ -9,8 +9,8 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Points
 from ronnaplan.planning import Trajectory
 from ronnaplan.planning.uncertainty import ExpectedPose, path_error
-from ronnaplan.pose import transform_points
 from ronnaplan.registration import predict_tre, register_batch, register_points
+from ronnaplan.transforms import transform_points
 
 MARKERS = np.array([[-50.0, -60, 60], [60, -40, 55], [70, 30, 50], [-65, 40, 45], [5, 70, 70]])
 SIGMA_MM = 0.6

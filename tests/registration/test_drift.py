@@ -7,9 +7,9 @@ import pytest
 
 from ronnaplan.errors import FrameMismatchError, InputError, UsageError
 from ronnaplan.geometry import Frame, Points
-from ronnaplan.pose import exponential
 from ronnaplan.registration import DriftStatus, check_drift
 from ronnaplan.registration.drift import DRIFT_PROBABILITY, drift_over_time
+from ronnaplan.transforms import exponential
 from tests.long import few_and_others, few_or_all
 
 HEAD = np.array([[-60.0, 20, 40], [55, 30, 50], [5, -85, 60], [-20, 60, 75], [30, -10, 95], [-70, -30, 10]])

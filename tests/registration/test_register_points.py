@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 from ronnaplan.ct import CTVolume
 from ronnaplan.errors import FrameMismatchError, InputError, UsageError
 from ronnaplan.geometry import Frame
-from ronnaplan.pose import point_jacobian
 from ronnaplan.registration import RegistrationFlag, register_batch, register_points
 from ronnaplan.rigid import fit_closed_form
+from ronnaplan.transforms import point_jacobian
 from tests.long import few_or_all
 
 HEAD = np.array([[-60.0, 20, 40], [55, 30, 50], [5, -85, 60], [-20, 60, 75], [30, -10, 95], [-70, -30, 10]])

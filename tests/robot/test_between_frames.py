@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ronnaplan.pose import exponential, invert, rigid
 from ronnaplan.robot.between_frames import earlier, moving, within
 from ronnaplan.robot.twists import motion, twist
+from ronnaplan.transforms import exponential, invert, rigid
 from tests.robot.test_hand_eye_late import along
 
 

@@ -8,9 +8,10 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from threadpoolctl import ThreadpoolController
 
-from ronnaplan.pose import Pose, invert
+from ronnaplan.pose import Pose
 from ronnaplan.robot import by_pose
 from ronnaplan.robot.hand_eye import calibrate_hand_eye
+from ronnaplan.transforms import invert
 from tests.long import few_and_others, few_or_all
 from tests.robot.test_orientation import matrix
 

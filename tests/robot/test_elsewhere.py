@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from ronnaplan.errors import RefusedError
-from ronnaplan.pose import Pose, exponential, rigid
+from ronnaplan.pose import Pose
 from ronnaplan.robot.chain import OTS, TCP, Capture, M, R
 from ronnaplan.robot.elsewhere import elsewhere
+from ronnaplan.transforms import exponential, rigid
 
 
 def pose(seed: int, far_mm: float) -> np.ndarray:

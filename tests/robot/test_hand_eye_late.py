@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.errors import InputError, RefusedError
-from ronnaplan.pose import invert
 from ronnaplan.robot.hand_eye import calibrate_hand_eye
+from ronnaplan.transforms import invert
 from tests.long import few_and_others
 from tests.robot.test_by_pose import HOME, RANGE, flange, normalized
 from tests.robot.test_orientation import matrix

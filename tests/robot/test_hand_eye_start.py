@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.errors import InputError, RefusedError
-from ronnaplan.pose import invert
 from ronnaplan.robot.hand_eye import calibrate_hand_eye
 from ronnaplan.robot.hand_eye_start import far_off
+from ronnaplan.transforms import invert
 from tests.long import few_and_others, few_or_all
 from tests.robot.test_orientation import hand_eye_poses, matrix
 

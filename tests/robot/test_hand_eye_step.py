@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from ronnaplan.errors import RefusedError
-from ronnaplan.pose import exponential, invert, rigid
 from ronnaplan.robot.hand_eye import calibrate_hand_eye
 from ronnaplan.robot.hand_eye_fit import design_of
 from ronnaplan.robot.hand_eye_start import closed_form, discrepancies
 from ronnaplan.robot.hand_eye_step import Step, step_in
+from ronnaplan.transforms import exponential, invert, rigid
 from tests.long import few_or_all
 from tests.robot.test_orientation import hand_eye_poses
 

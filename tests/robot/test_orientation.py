@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.errors import FrameMismatchError, InputError, RefusedError
-from ronnaplan.pose import Pose, invert
+from ronnaplan.pose import Pose
 from ronnaplan.robot.chain import OTS, TCP, M, R
 from ronnaplan.robot.hand_eye import calibrate_hand_eye
 from ronnaplan.robot.orientation import (
@@ -17,6 +17,7 @@ from ronnaplan.robot.orientation import (
     tool_pose,
 )
 from ronnaplan.robot.pivot import calibrate_pivot
+from ronnaplan.transforms import invert
 from tests.long import few_and_others, few_or_all
 
 TRIANGLE = np.array([[600.0, 100, 300], [900, 150, 280], [700, 400, 350]])

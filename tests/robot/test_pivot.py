@@ -6,8 +6,8 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.errors import InputError, RefusedError
-from ronnaplan.pose import invert
 from ronnaplan.robot.pivot import calibrate_pivot
+from ronnaplan.transforms import invert
 from tests.long import few_and_others, few_or_all
 
 TIP = np.array([-15.0, 240.0, -7.0])

@@ -8,10 +8,10 @@ from scipy.spatial.distance import cdist
 
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import rigid
 from ronnaplan.tracking import MarkerFlag, PointReading, Recording, ToolReading, find_markers, stray
 from ronnaplan.tracking.stray import GATE_MM, _assigned
 from ronnaplan.tracking.told import readings_told
+from ronnaplan.transforms import rigid
 
 TRUTH = np.array([[-60.0, 20, -1040], [55, 30, -1050], [5, -85, -1060], [-20, 60, -1075], [30, -10, -1095]])
 JITTER = 0.1

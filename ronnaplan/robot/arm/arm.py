@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import as_pose, exponential, rigid, transform_points
+from ronnaplan.pose import as_pose
 from ronnaplan.text import listed
+from ronnaplan.transforms import exponential, rigid, transform_points
 
 LARGEST_ARM_MM = 20_000.0
 """No arm beside a patient has links of twenty metres."""

@@ -7,8 +7,8 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import exponential, rigid
 from ronnaplan.robot.arm.arm import SerialArm
+from ronnaplan.transforms import exponential, rigid
 
 LENGTH_MM = 300.0
 """What a radian counts for beside a length, where both are measured as one: a tool's usual length."""

@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import POSE_TOLERANCE, as_pose, invert
+from ronnaplan.pose import POSE_TOLERANCE, as_pose
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.wrist import wrist_of
+from ronnaplan.transforms import invert
 
 BRANCHES = 8
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import rigid
 from ronnaplan.robot.arm.arm import Body, SerialArm
+from ronnaplan.transforms import rigid
 
 OFFSETS_MM = ((0, 0, 400), (25, 0, 0), (455, 0, 0), (0, 0, 35), (420, 0, 0), (80, 0, 0))
 AXES = ((0, 0, -1), (0, 1, 0), (0, 1, 0), (-1, 0, 0), (0, 1, 0), (-1, 0, 0))

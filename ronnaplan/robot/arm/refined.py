@@ -10,9 +10,9 @@ import numpy as np
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import frame_along, invert
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.forward import LENGTH_MM
+from ronnaplan.transforms import frame_along, invert
 
 REACHED = 1e-12
 """A posture whose flange misses the pose by less, in rad and in mm per `LENGTH_MM`, is an answer."""

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.geometry import Frame
-from ronnaplan.pose import Pose, adjoint
+from ronnaplan.pose import Pose
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.forward import as_angles, link_frames
 from ronnaplan.robot.chain import R
+from ronnaplan.transforms import adjoint
 
 FLANGE = Frame("FLANGE")
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import invert
 from ronnaplan.robot.arm.arm import Body, SerialArm
 from ronnaplan.robot.arm.urdf_elements import (
     EXPECTED,
@@ -32,6 +31,7 @@ from ronnaplan.robot.arm.urdf_elements import (
     place_of,
 )
 from ronnaplan.text import listed
+from ronnaplan.transforms import invert
 from ronnaplan.untrusted import read_whole
 
 MOST_BYTES = 4 << 20

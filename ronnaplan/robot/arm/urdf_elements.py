@@ -10,9 +10,9 @@ import numpy as np
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, unit
-from ronnaplan.pose import rigid
 from ronnaplan.robot.arm.arm import LARGEST_ARM_MM
 from ronnaplan.text import plain_number
+from ronnaplan.transforms import rigid
 
 MM = 1000.0
 CONTINUOUS_RAD = 2 * np.pi

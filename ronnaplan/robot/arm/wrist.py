@@ -23,12 +23,12 @@ import numpy as np
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import invert, transform_points
 from ronnaplan.robot.arm import kinds
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.forward import link_frames
 from ronnaplan.robot.arm.refined import chain_of
 from ronnaplan.text import listed
+from ronnaplan.transforms import invert, transform_points
 
 JOINTS = 6
 OTHERWISE = "`inverse_numeric` solves it, `robot place` needs a closed form"

@@ -10,11 +10,11 @@ import numpy as np
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import invert
 from ronnaplan.robot.placement.clearances import clearance, seen
 from ronnaplan.robot.placement.machine import Machine, place_bodies
 from ronnaplan.robot.placement.tasks import Ways
 from ronnaplan.robot.placement.world import CLEARANCE_NEED, VIEW_NEED, World
+from ronnaplan.transforms import invert
 
 ROUNDING = 1e-6
 """By so much (mm, rad) more is told, as the joints bring the flange to where it shall be but for less."""

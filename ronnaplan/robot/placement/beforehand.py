@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import invert, transform_points
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.wrist import center_mm, shoulder_mm, stretched_mm, wrist_of
 from ronnaplan.robot.placement.blocking import (
@@ -28,6 +27,7 @@ from ronnaplan.robot.placement.room import Floor, base_pose
 from ronnaplan.robot.placement.search import Problem
 from ronnaplan.robot.placement.tasks import Fineness, Ways, ways_of
 from ronnaplan.robot.placement.world import CLEARANCE_NEED, World
+from ronnaplan.transforms import invert, transform_points
 
 TURN_DEG = 1.0
 """Turns of the base are looked at so closely."""

@@ -10,7 +10,7 @@ import numpy as np
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame, Points
 from ronnaplan.planning import Plan
-from ronnaplan.pose import Pose, invert, transform_points
+from ronnaplan.pose import Pose
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.chain import R
 from ronnaplan.robot.placement.at_best import kept_at_best
@@ -19,6 +19,7 @@ from ronnaplan.robot.placement.room import Room
 from ronnaplan.robot.placement.search import Problem
 from ronnaplan.robot.placement.tasks import Fineness, Task, drill_task, view_task, ways_of
 from ronnaplan.robot.placement.world import NO_BALLS, World, world_of
+from ronnaplan.transforms import invert, transform_points
 
 TRACKER_APART_MM = 300.0
 """A tracker that was measured with a tape is nearer than this to where the registration puts it."""

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import invert, transform_points
 from ronnaplan.robot.placement import blocking
 from ronnaplan.robot.placement.beforehand import blocked_anywhere, in_the_way
 from ronnaplan.robot.placement.job import Job
@@ -29,6 +28,7 @@ from ronnaplan.robot.placement.search import (
 from ronnaplan.robot.placement.serving import Served, serve
 from ronnaplan.robot.placement.tasks import Fineness, Task
 from ronnaplan.threads import in_threads
+from ronnaplan.transforms import invert, transform_points
 
 COARSE = Fineness(24, 60.0)
 """What bases are searched with."""

@@ -8,7 +8,6 @@ from itertools import product
 import numpy as np
 
 from ronnaplan.geometry import FloatArray, axes_across
-from ronnaplan.pose import exponential, frame_along, rigid
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.forward import link_frames
 from ronnaplan.robot.arm.inverse import inverse
@@ -18,6 +17,7 @@ from ronnaplan.robot.placement.clearances import posture_margins, standing_on
 from ronnaplan.robot.placement.machine import unchecked_machine
 from ronnaplan.robot.placement.room import Room
 from ronnaplan.robot.placement.world import world_of
+from ronnaplan.transforms import exponential, frame_along, rigid
 
 AHEAD, UP = np.linspace(0.3, 0.7, 5), np.linspace(0.1, 0.6, 6)
 """Where the flange may be: so many of the arm's reach before its shoulder, and above it."""

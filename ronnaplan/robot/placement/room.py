@@ -11,7 +11,7 @@ import numpy as np
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, unit
-from ronnaplan.pose import rigid
+from ronnaplan.transforms import rigid
 
 UNDERGROUND_MM = 100.0
 """A trolley whose boxes end deeper beneath the floor was told to stand otherwise, as in metres."""

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray, unit
-from ronnaplan.pose import frame_along, invert, rigid
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.placement.room import Camera, Tool
 from ronnaplan.robot.placement.world import moved_row
+from ronnaplan.transforms import frame_along, invert, rigid
 
 Kind = Literal["trajectory", "marker"]
 SIDES, BETWEEN = 24, 4

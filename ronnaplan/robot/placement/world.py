@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import transform_points
 from ronnaplan.robot.placement.room import Box, Capsule, Room
+from ronnaplan.transforms import transform_points
 
 HEAD_SPACING_MM = 12.0
 """What is of the head is covered by one ball for each cube of this."""

@@ -13,8 +13,8 @@ import numpy as np
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import exponential
 from ronnaplan.robot.stereo.circles import Image
+from ronnaplan.transforms import exponential
 
 FEWEST_BOARDS = 6
 """Image pairs that show the whole board."""

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ronnaplan.errors import InputError, RefusedError, check_type
 from ronnaplan.geometry import FloatArray, as_points
-from ronnaplan.pose import Pose, as_poses, as_stack, carried, exponential, invert, nearest_rotations, rigid
+from ronnaplan.pose import Pose, as_poses, as_stack
 from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.hand_eye import require_two_axes
 from ronnaplan.robot.stereo.board import grid_mm, quarters_apart, recounted, seen_by_both
@@ -20,6 +20,7 @@ from ronnaplan.robot.stereo.camera import RIG, Boards, Camera, StereoRig
 from ronnaplan.robot.stereo.circles import Image
 from ronnaplan.robot.stereo.sphere import StereoSphere
 from ronnaplan.sigmas import LARGEST_STATED_MM, SIGMA_SQUARE
+from ronnaplan.transforms import carried, exponential, invert, nearest_rotations, rigid
 
 FEWEST_SPHERES = 6
 """Poses of the robot at which the resting sphere is seen."""

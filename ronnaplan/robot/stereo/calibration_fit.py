@@ -13,9 +13,9 @@ import numpy as np
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import exponential, invert, point_jacobian, rigid
 from ronnaplan.robot.stereo.board import grid_mm, shapes
 from ronnaplan.robot.stereo.camera import Camera
+from ronnaplan.transforms import exponential, invert, point_jacobian, rigid
 
 LENS_ORDER = 4
 """A lens may bend otherwise in cosines over its image of up to so many half periods along both axes together."""

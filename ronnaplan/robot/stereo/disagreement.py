@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import point_jacobian, transform_points
 from ronnaplan.registration.drift import DRIFT_PROBABILITY
 from ronnaplan.registration.flags import MISFIT_PROBABILITY
 from ronnaplan.registration.registration import Registration
+from ronnaplan.transforms import point_jacobian, transform_points
 
 FEWEST_FOR_SHIFT = 2
 """On either side of a movement; of one marker alone that stands otherwise none is told, as it may be loose."""

@@ -15,7 +15,7 @@ import numpy as np
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.errors import InputError, RefusedError, check_type
 from ronnaplan.geometry import FloatArray, Points
-from ronnaplan.pose import Pose, point_jacobian, transform_points
+from ronnaplan.pose import Pose
 from ronnaplan.registration.marker_registration import MarkerRegistration, register_markers
 from ronnaplan.registration.registration import Registration
 from ronnaplan.robot.chain import TCP, R, to_frame
@@ -24,6 +24,7 @@ from ronnaplan.robot.stereo.disagreement import explanations, is_split
 from ronnaplan.robot.stereo.images import ImagePair
 from ronnaplan.robot.stereo.sphere import StereoSphere, locate_sphere
 from ronnaplan.sigmas import LARGEST_STATED_MM, SIGMA_LAMP_DEG
+from ronnaplan.transforms import point_jacobian, transform_points
 
 SAME_SPHERE_MM = 1.0
 """Two looks at one sphere put it no further apart."""

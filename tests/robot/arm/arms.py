@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ronnaplan.pose import exponential, rigid
 from ronnaplan.robot.arm.arm import SerialArm
+from ronnaplan.transforms import exponential, rigid
 
 KR6 = """<robot name="kr6">
   <link name="base"><collision><geometry><mesh filename="base.stl"/></geometry></collision></link>

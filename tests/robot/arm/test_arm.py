@@ -10,11 +10,11 @@ import pytest
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import transform_points
 from ronnaplan.robot.arm.arm import Body, SerialArm
 from ronnaplan.robot.arm.forward import forward, link_frames
 from ronnaplan.robot.arm.inverse import inverse
 from ronnaplan.robot.arm.kuka import kr6_r900
+from ronnaplan.transforms import transform_points
 from tests.robot.arm.arms import SEVEN, iiwa
 from tests.robot.arm.test_kinematics import peer_poses, random_angles, read
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import exponential, rigid
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.forward import LENGTH_MM, forward, jacobian
 from ronnaplan.robot.arm.inverse import inverse
@@ -17,6 +16,7 @@ from ronnaplan.robot.arm.numeric import inverse_numeric
 from ronnaplan.robot.arm.quality import singularity_deg
 from ronnaplan.robot.arm.refined import REACHED, refined
 from ronnaplan.robot.arm.wrist import wrist_of
+from ronnaplan.transforms import exponential, rigid
 from tests.long import few_and_others
 from tests.robot.arm.arms import KR6, UR5E_M, calibrated, calibrated_ur5e, iiwa, panda, ur
 from tests.robot.arm.test_kinematics import peer_poses, random_angles, read

@@ -10,11 +10,12 @@ from scipy.spatial.transform import RigidTransform
 
 from ronnaplan.errors import FrameMismatchError
 from ronnaplan.geometry import Frame
-from ronnaplan.pose import Pose, rigid
+from ronnaplan.pose import Pose
 from ronnaplan.robot.arm.forward import forward
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.arm.tool_error import FLANGE, ArmErrors, reached
 from ronnaplan.robot.chain import TCP, R
+from ronnaplan.transforms import rigid
 from tests.long import few_and_others
 
 ANGLES = np.radians([20.0, -70, 95, 40, 50, -30])

@@ -11,13 +11,13 @@ import pytest
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, unit
-from ronnaplan.pose import exponential, invert, rigid
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.forward import forward, jacobian
 from ronnaplan.robot.arm.inverse import inverse
 from ronnaplan.robot.arm.numeric import inverse_numeric
 from ronnaplan.robot.arm.quality import singularity_deg
 from ronnaplan.robot.arm.wrist import center_mm, shoulder_mm, stretched_mm, wrist_of
+from ronnaplan.transforms import exponential, invert, rigid
 from tests.long import few_and_others, few_or_all
 from tests.robot.arm.arms import HALF, PANDA_M, SEVEN, UR5E_M, UR10E_M, calibrated, iiwa, panda, ur
 from tests.robot.arm.test_kinematics import peer_poses, random_angles, read, weakest_direction

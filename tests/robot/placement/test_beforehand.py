@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import invert
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.inverse import inverse
 from ronnaplan.robot.arm.kuka import kr6_r900
@@ -20,6 +19,7 @@ from ronnaplan.robot.placement.job import Job
 from ronnaplan.robot.placement.placement import COARSE, check_parked, find_places
 from ronnaplan.robot.placement.room import Box, Capsule, Floor, base_pose
 from ronnaplan.robot.placement.tasks import drill_task, ways_of
+from ronnaplan.transforms import invert
 from tests.robot.arm import arms
 from tests.robot.arm.test_kinematics import read
 from tests.robot.placement.cases import CENTER_MM, job, room

@@ -11,7 +11,6 @@ import pytest
 from scipy.spatial.distance import cdist
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import transform_points
 from ronnaplan.robot.arm.forward import link_frames
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.placement.blocking import OVERLAP, Blocked
@@ -21,6 +20,7 @@ from ronnaplan.robot.placement.machine import FREE, Machine, machine_of
 from ronnaplan.robot.placement.near import nearest_mm, what_comes_near
 from ronnaplan.robot.placement.placement import COARSE, check_parked, find_places
 from ronnaplan.robot.placement.room import Capsule, Room, Tool, base_pose
+from ronnaplan.transforms import transform_points
 from tests.long import few_and_others
 from tests.robot.placement.cases import job, room
 from tests.robot.placement.test_placement import WIDE

@@ -20,7 +20,6 @@ from ronnaplan.geometry import FloatArray, Frame, Points
 from ronnaplan.planning import Plan, Trajectory
 from ronnaplan.planning.beside import beside
 from ronnaplan.planning.head import SKIN_HU, Head
-from ronnaplan.pose import transform_points
 from ronnaplan.robot.arm.forward import forward
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.arm.quality import joint_margins_deg, singularity_deg
@@ -37,6 +36,7 @@ from ronnaplan.robot.placement.search import Problem, asking, grid, within, wort
 from ronnaplan.robot.placement.serving import Served
 from ronnaplan.robot.placement.tasks import drill_task
 from ronnaplan.robot.placement.world import world_of
+from ronnaplan.transforms import transform_points
 from tests import cases
 from tests.long import few_and_others
 from tests.robot.arm.arms import KR6, UR5E_M, UR10E_M, calibrated_ur5e, hanging, iiwa, panda, ur

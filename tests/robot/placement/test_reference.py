@@ -13,13 +13,13 @@ from scipy.spatial.distance import cdist
 
 from ronnaplan.documents.room_example import example_of, example_room
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import transform_points
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.forward import jacobian, link_frames
 from ronnaplan.robot.arm.kuka import kr6_r900
 from ronnaplan.robot.arm.quality import singularity_deg
 from ronnaplan.robot.arm.urdf import read_urdf
 from ronnaplan.robot.placement.reference import proposed_deg
+from ronnaplan.transforms import transform_points
 from tests.robot.arm import arms
 
 LENGTH_MM = 300.0

@@ -11,9 +11,10 @@ from scipy.spatial.transform import Rotation
 from phantoms import cameras as rendering
 from phantoms.stereo_kinds import SCENES
 from phantoms.stereo_scenes import SceneRig, View, random_rig, render
-from ronnaplan.pose import Pose, invert
+from ronnaplan.pose import Pose
 from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.stereo.camera import RIG, Boards, Camera, StereoRig
+from ronnaplan.transforms import invert
 
 DIAMETER = 11.5
 K = [

@@ -9,11 +9,11 @@ from scipy.spatial.transform import Rotation
 from phantoms import cameras as rendering
 from phantoms.robot_session import CAMERAS, DISTORTIONS, MATRICES, SIZE
 from ronnaplan.errors import InputError, RefusedError
-from ronnaplan.pose import invert
 from ronnaplan.robot.stereo import board, calibration
 from ronnaplan.robot.stereo.board import FEWEST_BOARDS
 from ronnaplan.robot.stereo.calibration import calibrate_on_board, calibrate_tcp
 from ronnaplan.robot.stereo.sphere import locate_sphere
+from ronnaplan.transforms import invert
 from tests.long import few_or_all
 from tests.robot.stereo.boards import find_once
 from tests.robot.stereo.stereo_views import DIAMETER, RIG_EXACT, moved, placed

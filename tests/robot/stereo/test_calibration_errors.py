@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from phantoms import cameras as rendering
 from ronnaplan.errors import InputError
-from ronnaplan.pose import Pose, invert, transform_points
+from ronnaplan.pose import Pose
 from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.stereo import calibration
 from ronnaplan.robot.stereo.board import grid_mm
@@ -18,6 +18,7 @@ from ronnaplan.robot.stereo.calibration import StereoCalibration, calibrate_on_b
 from ronnaplan.robot.stereo.calibration_errors import errors_of, known_share
 from ronnaplan.robot.stereo.camera import RIG, StereoRig
 from ronnaplan.sigmas import SIGMA_SQUARE
+from ronnaplan.transforms import invert, transform_points
 from tests.robot.stereo.stereo_views import RIGHT, D, K
 
 CORNERS, SQUARE_MM, NOISE_PX = (9, 7), 5.5, 0.02

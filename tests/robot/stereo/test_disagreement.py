@@ -5,8 +5,8 @@ import pytest
 
 from ronnaplan.errors import RefusedError
 from ronnaplan.geometry import Points
-from ronnaplan.pose import invert, transform_points
 from ronnaplan.robot.stereo.markers import RobotMarkers, RobotRegistration, register_robot_markers
+from ronnaplan.transforms import invert, transform_points
 from tests.robot.stereo.test_markers import looked
 
 COMMON = np.diag(np.repeat([1e-8, 1e-4], 3))

@@ -8,10 +8,11 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import Frame, Points
-from ronnaplan.pose import Pose, invert, transform_points
+from ronnaplan.pose import Pose
 from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.stereo.camera import RIG
 from ronnaplan.robot.stereo.markers import RobotMarkers, register_robot_markers, require_apart
+from ronnaplan.transforms import invert, transform_points
 from tests.long import few_and_others, few_or_all
 
 CT = Frame("CT", "1.2")

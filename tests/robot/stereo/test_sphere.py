@@ -12,11 +12,12 @@ from scipy.spatial.transform import Rotation
 
 from phantoms import cameras as rendering
 from ronnaplan.errors import FrameMismatchError, InputError, RefusedError
-from ronnaplan.pose import Pose, invert
+from ronnaplan.pose import Pose
 from ronnaplan.robot.chain import TCP, R
 from ronnaplan.robot.stereo.camera import RIG, Camera, StereoRig
 from ronnaplan.robot.stereo.outline import find_cones, find_outlines
 from ronnaplan.robot.stereo.sphere import StereoSphere, locate_sphere
+from ronnaplan.transforms import invert
 from tests.long import few_and_others, few_or_all
 from tests.robot.stereo.stereo_views import (
     DIAMETER,
