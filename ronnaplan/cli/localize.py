@@ -17,11 +17,6 @@ if TYPE_CHECKING:
     from ronnaplan.localization import Build, Fiducials, Template
 
 HELP = "Find the spherical markers of a CT and write their centers with covariances."
-LAYOUT_MARKERS = (3, 32)
-"""Numbers of markers whose layout can be described."""
-
-WORTH_A_WARNING = 0.01
-"""A layout that a tracker's pairing would refuse more often than this is worth a warning."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -248,49 +243,14 @@ def _write(output: str | None, found: Fiducials) -> None:
 
 
 def _summary(found: Fiducials) -> str:
-    from ronnaplan.report.tables import counts_line, fiducials_table, resolution_line
+    from ronnaplan.report.tables import counts_line, fiducials_table, layout_line, motion_line, resolution_line
 
     return "\n".join(
         [
             *([fiducials_table(found)] if len(found) else []),
             counts_line(found),
             *resolution_line(found),
-            *_motion(found),
-            *_layout(found),
+            *motion_line(found),
+            *layout_line(found),
         ]
     )
-
-
-def _motion(found: Fiducials) -> list[str]:
-    """Say what is assumed of a patient who moved between the markers, or what known distances say of it."""
-    from ronnaplan.localization.fiducials import UNSEEN_MOTION_MM, FiducialFlag
-
-    if not len(found):
-        return []
-    if found.distance_error_mm is not None:
-        return [f"motion: the markers' distances are the template's within {found.distance_error_mm:.2f} mm"]
-    moved = [one.label for one in found.fiducials if FiducialFlag.MOTION_SUSPECTED in one.flags]
-    if moved:
-        others = ", of those without that flag, too" if len(moved) < len(found) else ""
-        return [
-            f"motion is suspected of {', '.join(moved)}: if the head moved, the distances of all markers are open"
-            f"{others}; scan again, or test them with a --template"
-        ]
-    return [
-        "motion: if the head moved between the slices of two markers, no image shows it; "
-        f"{UNSEEN_MOTION_MM:g} mm per axis are assumed, beside the stated errors; known distances (--template) test it"
-    ]
-
-
-def _layout(found: Fiducials) -> list[str]:
-    """Say how well this layout can be told from its rivals once a tracker sees the markers."""
-    from ronnaplan.correspondence import describe_layout
-
-    if not LAYOUT_MARKERS[0] <= len(found) <= LAYOUT_MARKERS[1]:
-        return []
-    layout = describe_layout(found.centers)
-    refused = layout.refusal_probability()
-    line = f"layout: nearest rival order is {layout.rival_distance_mm:.1f} mm away"
-    if refused < WORTH_A_WARNING:
-        return [line]
-    return [f"{line}; pairing with a tracker would be refused in {refused:.0%} of cases, move a marker"]

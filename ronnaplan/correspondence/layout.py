@@ -34,6 +34,9 @@ from ronnaplan.sigmas import SIGMA_CT_MM, SIGMA_OTS_MM
 MOST_LAYOUT_POINTS = 32
 """Larger sets are point clouds, not marker layouts."""
 
+GREATEST_REFUSAL = 0.01
+"""A layout is unambiguous when correspondence would refuse it less often than this."""
+
 MOST_LAYOUT_VISITS = 1_000_000
 """Orders tried before the search stops with the nearest rival found so far."""
 

@@ -31,9 +31,6 @@ STARTS = 12
 SPREADS = 5
 """Even spreads, differently turned, that a proposal is compared with."""
 
-GREATEST_REFUSAL = 0.01
-"""A layout is unambiguous when correspondence would refuse it less often than this."""
-
 
 @dataclass(frozen=True, eq=False)
 class Placement:
@@ -78,6 +75,8 @@ def place_markers(
     ``progress`` shows or is told how many of the layouts were tried. Raises `InputError` for fewer than three markers
     or no target, and `RefusedError` when the rules leave no layout.
     """
+    from ronnaplan.correspondence.layout import GREATEST_REFUSAL
+
     targets = as_points(targets_mm, "targets")
     if count < 3 or len(targets) == 0:
         raise InputError(
@@ -165,6 +164,7 @@ def _improve(
     centers: FloatArray, targets: FloatArray, start: NDArray[np.int64], rules: PlacementRules
 ) -> tuple[float, NDArray[np.int64]]:
     """Exchange markers until no move helps; a move that makes the layout ambiguous is not taken."""
+    from ronnaplan.correspondence.layout import GREATEST_REFUSAL
     from ronnaplan.planning.compiled import exchange, largest
 
     chosen = start.copy()

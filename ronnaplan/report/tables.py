@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.localization import Fiducial, Fiducials
+from ronnaplan.localization.fiducials import UNSEEN_MOTION_MM, FiducialFlag
 from ronnaplan.text import columns, counted, filled, sizes
 
 BELL_SHAPE = 1.0
@@ -70,6 +71,40 @@ def resolution_line(found: Fiducials) -> list[str]:
         f"slices: {seen.profile_mm:.2f} mm wide at half height{along}, {kind}{summed}; the header says {stated}; "
         f"blur within them {seen.blur_mm:.2f} mm"
     ]
+
+
+def motion_line(found: Fiducials) -> list[str]:
+    """Say what is assumed of a patient who moved between the markers, or what known distances say of it."""
+    if not len(found):
+        return []
+    if found.distance_error_mm is not None:
+        return [f"motion: the markers' distances are the template's within {found.distance_error_mm:.2f} mm"]
+    moved = [one.label for one in found.fiducials if FiducialFlag.MOTION_SUSPECTED in one.flags]
+    if moved:
+        others = ", of those without that flag, too" if len(moved) < len(found) else ""
+        return [
+            f"motion is suspected of {', '.join(moved)}: if the head moved, the distances of all markers are open"
+            f"{others}; scan again, or test them with a --template"
+        ]
+    return [
+        "motion: if the head moved between the slices of two markers, no image shows it; "
+        f"{UNSEEN_MOTION_MM:g} mm per axis are assumed, beside the stated errors; known distances (--template) test it"
+    ]
+
+
+def layout_line(found: Fiducials) -> list[str]:
+    """Say how well this layout can be told from its rivals once a tracker sees the markers; none for a few or many."""
+    from ronnaplan.correspondence.layout import GREATEST_REFUSAL, MOST_LAYOUT_POINTS, describe_layout
+    from ronnaplan.correspondence.told import LEAST_PAIRS
+
+    if not LEAST_PAIRS <= len(found) <= MOST_LAYOUT_POINTS:
+        return []
+    layout = describe_layout(found.centers)
+    refused = layout.refusal_probability()
+    line = f"layout: nearest rival order is {layout.rival_distance_mm:.1f} mm away"
+    if refused < GREATEST_REFUSAL:
+        return [line]
+    return [f"{line}; pairing with a tracker would be refused in {refused:.0%} of cases, move a marker"]
 
 
 def align(rows: Sequence[Sequence[str]]) -> str:
