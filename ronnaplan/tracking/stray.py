@@ -8,16 +8,14 @@ gate; what fits none begins a track. Tracks seen in too few frames are rejected,
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.errors import InputError, check_type
-from ronnaplan.geometry import SD_PER_DEVIATION, FloatArray, Frame, Points, require_sigma
+from ronnaplan.geometry import SD_PER_DEVIATION, FloatArray, require_sigma
 from ronnaplan.sigmas import SIGMA_OTS_MM
-from ronnaplan.text import counted, place
+from ronnaplan.tracking.markers import MarkerFlag, MarkerReadings, RejectedTrack, TrackedMarker
 from ronnaplan.tracking.recording import PointReading, Recording, require_one_system
 
 GATE_MM = 4.0
@@ -46,73 +44,6 @@ MOST_REASONS = 5
 """Kinds of flagged readings that are told one by one; more are summed up."""
 FAR = 1e6
 """Cost of a pair beyond the gate: more than any sum of distances within it."""
-
-
-class MarkerFlag(StrEnum):
-    """Reasons to doubt a marker's mean position."""
-
-    MOVED = "moved while it was recorded"
-    LOST = "no longer seen at the end"
-    DROPOUTS = "missing in more than a tenth of the frames"
-    SINGLE_READING = "read once only"
-
-
-@dataclass(frozen=True, eq=False)
-class TrackedMarker:
-    """One marker: its mean (3,) with covariance (3, 3), how it was seen, and how far it moved (0: not surely)."""
-
-    label: str
-    position_mm: FloatArray
-    covariance_mm2: FloatArray
-    readings: int
-    outliers: int
-    flags: tuple[MarkerFlag, ...]
-    moved_mm: float = 0.0
-
-    def __repr__(self) -> str:
-        flags = "".join(f", {flag}" for flag in self.flags)
-        return f"TrackedMarker({self.label} at {place(self.position_mm)} mm, {self.readings} readings{flags})"
-
-
-@dataclass(frozen=True, eq=False)
-class RejectedTrack:
-    """Readings that are no marker, and why."""
-
-    position_mm: FloatArray
-    readings: int
-    reason: str
-
-    def __repr__(self) -> str:
-        return f"RejectedTrack(at {place(self.position_mm)} mm, {self.readings} readings: {self.reason})"
-
-
-@dataclass(frozen=True)
-class MarkerReadings:
-    """The markers of a recording of so many ``frames``, in the coordinates of its ``frame``, mm."""
-
-    markers: tuple[TrackedMarker, ...]
-    rejected: tuple[RejectedTrack, ...]
-    frames: int
-    frame: Frame
-
-    def __repr__(self) -> str:
-        doubted = sum(bool(marker.flags) for marker in self.markers)
-        flags = f", {doubted} flagged" if doubted else ""
-        return (
-            f"MarkerReadings({counted(len(self.markers), 'marker')} in {counted(self.frames, 'frame')} of "
-            f"{self.frame}{flags}, {counted(len(self.rejected), 'track')} rejected)"
-        )
-
-    @property
-    def points(self) -> Points:
-        """The markers as labelled points with covariances."""
-        count = len(self.markers)
-        return Points(
-            np.array([m.position_mm for m in self.markers]).reshape(count, 3),
-            np.array([m.covariance_mm2 for m in self.markers]).reshape(count, 3, 3),
-            tuple(m.label for m in self.markers),
-            self.frame,
-        )
 
 
 def find_markers(recording: Recording, *, sigma_mm: float = SIGMA_OTS_MM) -> MarkerReadings:

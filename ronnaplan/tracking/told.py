@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ronnaplan.text import counted
+from ronnaplan.tracking.markers import MarkerFlag, MarkerReadings
 from ronnaplan.tracking.recording import Recording
-from ronnaplan.tracking.stray import GATE_MM, MOST_REASONS, MarkerFlag, MarkerReadings
+from ronnaplan.tracking.stray import GATE_MM, MOST_REASONS
 
 
 def readings_told(recording: Recording, found: MarkerReadings) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ round each in its own way: what one map of the grid does not make good of three 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,13 +20,10 @@ import numpy as np
 from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.examine import LEAST_TOGETHER, Examine, Examined, distinct
-from ronnaplan.localization.fit.parameters import W
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanwide.ellipsoid import Ellipsoid, ellipsoid_at
 from ronnaplan.localization.scanwide.moving import MEDIAN_SPREAD
-
-LEAST_WRONG = 0.04
-"""What is longer by less than this share, or sheared by less than this tangent, is found as a ball."""
+from ronnaplan.localization.scanwide.wrong_grids import LEAST_SQUARE, LEAST_WRONG, Kind, kinds_of
 
 LOOSEST = 0.1
 """What blur and the scale's end may have made so much longer tells nothing: balls of metal of 5 mm and less, balls in
@@ -36,9 +33,9 @@ ROUND_SHARE, SIZE_SHARE = 0.06, 0.15
 """Ellipsoids are alike if what makes a ball of one makes such of all that their semi-axes differ by no more than the
 first share, and from the stated radius than the second; either beside what blur and the scale's end do."""
 
-LEAST_WITHIN, LEAST_ACROSS, VOXELS = 0.005, 0.01, 0.2
-"""Markers tell no less than the first share within the slices and of a shear, and than the second along their normal,
-beside so many squares of the voxel's share of the radius: filters, which move curved edges, make less."""
+VOXELS = 0.2
+"""Markers tell no less than a kind's least, beside so many squares of the voxel's share of the radius: filters, which
+move curved edges, make less."""
 
 STANDS_OUT, ALIKE_QUANTILE, LEFT_SHARE = 4.0, 0.75, 0.5
 """Nor what is not so many standard errors large, or, once made good, leaves more than this share of it in more than a
@@ -46,25 +43,6 @@ quarter of the markers."""
 
 EGG_SHARE, EGG_COUNT = 0.003, 3
 """How far out of round balls are, by as much as so many of them would say: three that agree do so by chance, too."""
-
-LEAST_SQUARE = 1e-9
-"""Of a semi-axis, of which a logarithm is taken: medians of shapes that are unlike need not be an ellipsoid's."""
-
-
-@dataclass(frozen=True)
-class Kind:
-    """One way to be wrong: ``told`` (amount, grid) says what of; ``map_of`` (amount) makes an ellipsoid of a ball.
-
-    The map (3, 3) is along u, v and w, ``amount_of`` tells from the shape (3, 3) that it makes of a ball how much, and
-    ``share_of`` how wrong that is. Markers tell no less than ``least``; pixels alone tell what ``is_within`` slices.
-    """
-
-    amount_of: Callable[[FloatArray], FloatArray]
-    map_of: Callable[[FloatArray], FloatArray]
-    share_of: Callable[[FloatArray], float]
-    told: Callable[[FloatArray, SliceGrid], str]
-    least: float = math.inf
-    is_within: bool = False
 
 
 @dataclass(frozen=True)
@@ -95,7 +73,7 @@ def markers_tell(scan: Scan, markers: Sequence[Examined]) -> str | None:
         return None
     grid, shapes = scan.volume.grid, np.array([one.shape for one in balls])
     usual = np.median(shapes, axis=0)
-    kind = min(_kinds(grid), key=lambda kind: float(sum(_axes(usual, kind.map_of(kind.amount_of(usual))))))
+    kind = min(kinds_of(grid), key=lambda kind: float(sum(_axes(usual, kind.map_of(kind.amount_of(usual))))))
     amounts = np.array([kind.amount_of(one) for one in shapes])
     amount = np.median(amounts, axis=0)
     share, error = kind.share_of(amount), _median_error(amounts - amount)
@@ -122,7 +100,7 @@ def _candidates_tell(scan: Scan, examined: Sequence[Examined], examine: Examine)
     )
     if len(ellipsoids) < LEAST_TOGETHER:
         return None
-    kinds = _kinds(scan.volume.grid)
+    kinds = kinds_of(scan.volume.grid)
     found = [one for kind in kinds if (one := _alike(kind, [other for _, other in ellipsoids])) is not None]
     if not found:
         return None
@@ -199,98 +177,3 @@ def _made_good(scan: Scan, mapped: FloatArray) -> tuple[Scan, Callable[[FloatArr
     return Scan(
         replace(scan.volume, grid=SliceGrid(moved(grid.origins_mm), *steps_mm, thickness_mm)), whole=scan
     ), moved
-
-
-def _kinds(grid: SliceGrid) -> Iterator[Kind]:
-    """Yield the ways in which a grid may be wrong."""
-    slices_mm, rows_mm, columns_mm = grid.typical_gap_mm, grid.row_spacing_mm, grid.column_spacing_mm
-    across = "as across"
-    table = grid.axes @ (grid.origins_mm[-1] - grid.origins_mm[0])
-    # A tilted gantry's table does not go along the slices' normal.
-    aside = table[:2] / table[2] if table[2] > 0.0 else np.zeros(2)
-    yield _longer((0, 0, 1), f"along the slices' normal {across}", "the slices' distance", slices_mm, aside)
-    yield _longer((0, 1, 0), f"down the columns {across}", "the rows' distance", rows_mm)
-    yield _longer((1, 0, 0), f"along the rows {across}", "the columns' distance", columns_mm)
-    yield _longer((1, 1, 0), "within the slices as along their normal", "the pixels' distance", rows_mm)
-    if not math.isclose(rows_mm, columns_mm, rel_tol=LEAST_WRONG):
-        yield _exchanged(columns_mm / rows_mm)
-    yield from (_sheared(is_tilt=False), _sheared(is_tilt=True))
-
-
-def _longer(
-    along: tuple[int, int, int],
-    where: str,
-    what: str,
-    said_mm: float,
-    aside: FloatArray | tuple[float, float] = (0, 0),
-) -> Kind:
-    """What is wrong by one factor ``along`` some of u, v and w, which the header says to be ``said_mm``.
-
-    Slices lie ``aside`` (2,) along u and v by so much of their distance.
-    """
-    wrong = np.array(along, dtype=np.bool_)
-    is_one = wrong.sum() == 1
-    alone = int(np.flatnonzero(wrong if is_one else ~wrong)[0])
-
-    def amount_of(shape: FloatArray) -> FloatArray:
-        # The axis that is alone is as long as the other two are not: of whatever size the ball is, and however aside.
-        longer = 0.75 * math.log(shape[alone, alone]) - 0.25 * math.log(max(np.linalg.det(shape), LEAST_SQUARE))
-        return np.array([math.exp(longer if is_one else -longer)])
-
-    def map_of(factor: FloatArray) -> FloatArray:
-        mapped = np.diag(np.where(wrong, factor, 1.0))
-        mapped[:2, 2] = (factor - 1.0) * aside
-        return mapped
-
-    def share_of(factor: FloatArray) -> float:
-        return abs(math.log(float(factor[0])))
-
-    def told(factor: FloatArray, _: SliceGrid) -> str:
-        digits = 2 + (share_of(factor) < LEAST_WRONG)
-        return (
-            f"{factor[0]:.{digits}f} times as long {where}: {what} in the header ({said_mm:.{digits + 1}g} mm) may be "
-            f"wrong ({said_mm / factor[0]:.3g}?)"
-        )
-
-    is_within = is_one and alone != W
-    return Kind(amount_of, map_of, share_of, told, LEAST_WITHIN if is_within else LEAST_ACROSS, is_within)
-
-
-def _exchanged(ratio: float) -> Kind:
-    """Rows' and columns' distances that stand in each other's place; the latter are ``ratio`` times the former."""
-    exchanged = np.diag([ratio, 1.0 / ratio, 1.0])
-
-    def told(_: FloatArray, grid: SliceGrid) -> str:
-        return (
-            f"{ratio**2:.2f} times as long along the rows as down the columns: the distances of rows and columns in "
-            f"the header ({grid.row_spacing_mm:.3g} and {grid.column_spacing_mm:.3g} mm) may be exchanged"
-        )
-
-    return Kind(lambda _: np.array([ratio]), lambda _: exchanged, lambda _: abs(math.log(ratio)), told)
-
-
-def _sheared(*, is_tilt: bool) -> Kind:
-    """Slices that lie sideways of where they should; where the table's way stands for their distance, it ``is_tilt``.
-
-    The amount is the shear's tangent along u and v, or its sine.
-    """
-
-    def cosine(amount: FloatArray) -> float:
-        return math.sqrt(max(1.0 - float(amount @ amount), 0.1)) if is_tilt else 1.0
-
-    def amount_of(shape: FloatArray) -> FloatArray:
-        return np.asarray(shape[:2, 2] / shape[2, 2])
-
-    def map_of(amount: FloatArray) -> FloatArray:
-        mapped = np.eye(3)
-        mapped[:, 2] = np.append(amount, 1.0) / cosine(amount)
-        return mapped
-
-    def tangent(amount: FloatArray) -> float:
-        return float(np.linalg.norm(amount)) / cosine(amount)
-
-    def told(amount: FloatArray, _: SliceGrid) -> str:
-        degrees, digits = math.degrees(math.atan(tangent(amount))), int(tangent(amount) < LEAST_WRONG)
-        return f"sheared by {degrees:.{digits}f} degrees from slice to slice, as where a gantry's tilt was lost"
-
-    return Kind(amount_of, map_of, tangent, told, LEAST_WITHIN)

@@ -6,7 +6,8 @@ import numpy as np
 
 from ronnaplan.geometry import unit
 from ronnaplan.robot.arm.arm import SerialArm
-from ronnaplan.robot.arm.urdf import BASE, FLANGE, UrdfArm
+from ronnaplan.robot.arm.urdf import BASE, UrdfArm
+from ronnaplan.robot.arm.urdf_chain import FLANGE
 from ronnaplan.robot.placement.room import Room
 
 USUAL_M = (0.1, 10.0)
