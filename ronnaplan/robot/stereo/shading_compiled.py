@@ -9,7 +9,7 @@ from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.stereo.profiles_compiled import COLUMNS, MOST_SLANT, POWERS, PROFILE, SHADOW, SLANTS
 
-PLACE, BLUR, LIGHT = 0, 3, 4
+BLUR, LIGHT = 3, 4
 TILT = LIGHT + PROFILE
 ASIDE = TILT + 2
 FALLING = ASIDE + 2
