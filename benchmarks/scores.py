@@ -17,8 +17,8 @@ from ronnaplan.localization.scanner.scan import Scan, Slant
 from ronnaplan.localization.scanwide.logarithm import summed_seen
 from ronnaplan.localization.scanwide.moving import moved
 from ronnaplan.localization.scanwide.slant import slant_seen
-from ronnaplan.localization.scanwide.together import together
-from ronnaplan.localization.scanwide.usual import alike, by_the_usual
+from ronnaplan.localization.scanwide.together import with_usual_errors
+from ronnaplan.localization.scanwide.usual import by_the_usual, unlike_turned_down
 
 FOUND_WITHIN_MM = 1.0
 CHI2_95 = 7.815
@@ -130,8 +130,8 @@ def markers_of(cases: Sequence[Case], build: Build = SOLID) -> list[list[Examine
         seen = [examine(scan, (case.diameter_mm,), build) for case, scan in zip(cases, scans, strict=True)]
     seen = by_the_usual(list(zip(scans, seen, strict=True)), build)
     parts = [distinct(one for one in part if one.is_marker) for part in seen]
-    judged = alike([one for part in parts for one in part])
-    stated = iter(together(scans[0], [one for one in judged if one.is_marker]))
+    judged = unlike_turned_down([one for part in parts for one in part])
+    stated = iter(with_usual_errors(scans[0], [one for one in judged if one.is_marker]))
     rest = iter(judged)
     return [[next(stated) for _ in part if next(rest).is_marker] for part in parts]
 

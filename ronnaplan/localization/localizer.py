@@ -7,7 +7,7 @@
    All of that is done again where slices are far thicker than the header says (`thick`), where rays were summed before
    the logarithm was taken (`logarithm`), or where slices blur aslant (`slant`).
 3. What was turned down only for what is usual in the scan is judged again (`by_the_usual`).
-4. What is unlike the scan's other markers is turned down (`alike`).
+4. What is unlike the scan's other markers is turned down (`usual`).
 5. Each marker's covariance counts what is usual in the scan (`together`), and motion is suspected (`moved`).
 6. Markers are numbered from the top; another number than expected is refused. Markers that are alike ellipsoids tell
    that the scan's geometry may be wrong; where few are found, or all are of another size, candidates (`stretched`).
@@ -42,8 +42,8 @@ from ronnaplan.localization.scanwide.moving import moved
 from ronnaplan.localization.scanwide.slant import along_the_blur
 from ronnaplan.localization.scanwide.stretched import distortion
 from ronnaplan.localization.scanwide.thick import as_thick, as_thin
-from ronnaplan.localization.scanwide.together import sized, together
-from ronnaplan.localization.scanwide.usual import alike, by_the_usual, usual_profiles_mm
+from ronnaplan.localization.scanwide.together import with_doubted_sizes, with_usual_errors
+from ronnaplan.localization.scanwide.usual import by_the_usual, unlike_turned_down, usual_profiles_mm
 from ronnaplan.localization.size import proposal, sizes_seen
 from ronnaplan.localization.template import Template, distance_error_mm, match_template
 from ronnaplan.text import place, sizes
@@ -87,9 +87,10 @@ def localize(
         beside.submit(lambda: volume.voxel_sha256)
         scan, examined = _examined(volume, diameters, marker, progress)
     (examined,) = by_the_usual([(scan, examined)], marker)
-    judged = alike(markers_in(examined))
+    judged = unlike_turned_down(markers_in(examined))
     turned_down = [one for one in examined if not one.is_marker]
-    stated = together(scan, sized([one for one in judged if one.is_marker], turned_down))
+    accepted = [one for one in judged if one.is_marker]
+    stated = with_usual_errors(scan, with_doubted_sizes(accepted, turned_down))
     markers = sorted(stated, key=lambda one: tuple(-one.center_mm[::-1]))  # from the top of the head down
     examined = [*turned_down, *judged]
     fiducials, rejected = _numbered(scan, markers), _rejected(examined, markers)

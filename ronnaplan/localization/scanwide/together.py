@@ -40,7 +40,7 @@ UNUSUAL = 3.0
 than the smallest third by so many standard errors: it is told about as well as a center along one axis."""
 
 
-def sized(markers: Sequence[Examined], others: Sequence[Examined]) -> list[Examined]:
+def with_doubted_sizes(markers: Sequence[Examined], others: Sequence[Examined]) -> list[Examined]:
     """Doubt clipped markers of a stated size where the scan's balls that show their size agree on another.
 
     ``others`` are no markers: balls of a size that is too far off are among them, turned down for nothing else.
@@ -69,7 +69,7 @@ def _of_size(one: Examined, excess_mm: float) -> Examined:
     return replace(one, excess_mm=excess_mm, covariance_mm2=covariance_mm2)
 
 
-def together(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
+def with_usual_errors(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
     """Let each marker's covariance count what is usual in the scan, and doubt all where something lies on all."""
     markers = _computed(scan, _summed(scan, _uneven(_wrapped(markers))))
     movements = [one.movement for one in markers if one.movement is not None]

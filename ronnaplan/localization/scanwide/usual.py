@@ -138,7 +138,7 @@ def _profiles_mm(balls: Sequence[Examined]) -> tuple[FloatArray, FloatArray]:
     return np.array([one.thickness_mm for one in balls]), np.array([one.parameters[WIDTH] for one in balls])
 
 
-def alike(accepted: Sequence[Examined]) -> list[Examined]:
+def unlike_turned_down(accepted: Sequence[Examined]) -> list[Examined]:
     """Turn down what is unlike the scan's other markers: its profile is another, its edge softer, or it is more oval.
 
     One alone may be anything; of two nobody knows which is right.

@@ -10,7 +10,7 @@ import pytest
 from ronnaplan.localization.examine import Examined
 from ronnaplan.localization.judge.uncertainty import LAG_MM
 from ronnaplan.localization.scanner.scan import Scan
-from ronnaplan.localization.scanwide.together import beyond_usual_mm, sized, together
+from ronnaplan.localization.scanwide.together import beyond_usual_mm, with_doubted_sizes, with_usual_errors
 from tests.localization.scanwide.shown import at
 
 
@@ -21,7 +21,8 @@ def test_a_marker_of_a_panels_scan_counts_lag_though_its_own_profile_looks_like_
     bells = [at(ball, 20.0 * n, shape=5.0, width=0.3, blur=0.4) for n in range(4)]
     box = at(ball, 80.0, shape=0.0, width=0.3, blur=0.4)
     added_mm2 = (
-        together(scanned, [*bells, box])[-1].covariance_mm2 - together(scanned, 5 * [box])[-1].covariance_mm2
+        with_usual_errors(scanned, [*bells, box])[-1].covariance_mm2
+        - with_usual_errors(scanned, 5 * [box])[-1].covariance_mm2
     )
     assert added_mm2 == pytest.approx(LAG_MM**2 * scanned.axes.T @ np.diag([1, 1, 0]) @ scanned.axes, abs=1e-12)
 
@@ -31,7 +32,7 @@ def test_cloth_covers_balls_and_a_kernel_that_falls_steeply_does_not(
     scanned: Scan, ball: Examined, blur_mm: float, edge: float, is_covered: bool
 ) -> None:
     markers = [at(ball, 20.0 * n, blur=blur_mm, edge=edge) for n in range(3)]
-    assert [one.is_covered for one in together(scanned, markers)] == [is_covered] * 3
+    assert [one.is_covered for one in with_usual_errors(scanned, markers)] == [is_covered] * 3
 
 
 def test_a_film_is_seen_beside_others_that_are_thicker() -> None:
@@ -45,7 +46,8 @@ def test_a_film_that_no_flag_tells_of_may_lie_over_half_a_ball(scanned: Scan, ba
     bare = [replace(at(ball, 20.0 * n), excess_mm=0.0) for n in range(5)]
     filmed = replace(bare[-1], excess_mm=0.04)
     added_mm2 = (
-        together(scanned, [*bare[:4], filmed])[-1].covariance_mm2 - together(scanned, bare)[-1].covariance_mm2
+        with_usual_errors(scanned, [*bare[:4], filmed])[-1].covariance_mm2
+        - with_usual_errors(scanned, bare)[-1].covariance_mm2
     )
     assert np.sqrt(np.trace(added_mm2)) == pytest.approx(0.75 * 0.04, rel=0.02)
     assert np.sqrt(np.trace(ball.by_excess)) == pytest.approx(0.5, rel=0.02)
@@ -95,7 +97,7 @@ def test_balls_that_differ_in_size_and_in_blur_and_are_no_close_spheres_are_cove
     shapes = list(enumerate(zip(radii_mm, blurs_mm, strict=True)))
     markers = [at(ball, 20.0 * n, blur=blur_mm, radius=radius_mm) for n, (radius_mm, blur_mm) in shapes]
     markers = [replace(one, excess_mm=one.diameter_mm - one.stated_mm, misfit=misfit) for one in markers]
-    judged = together(scanned, markers)
+    judged = with_usual_errors(scanned, markers)
     assert [one.is_covered for one in judged] == [is_covered] * 4
     least_mm = min(float(np.sqrt(np.trace(one.covariance_mm2))) for one in judged)
     assert least_mm > 0.03 or not is_covered  # half of what they scatter is stated
@@ -107,7 +109,7 @@ def test_clipped_balls_are_not_believed_a_size_that_the_others_of_the_scan_contr
     smaller = [
         replace(at(ball, 20.0 * n), excess_mm=-0.5, failures=(("diameter", "too small"),)) for n in (1, 2, 3)
     ]
-    (doubted,) = sized([clipped], smaller)
+    (doubted,) = with_doubted_sizes([clipped], smaller)
     assert doubted.is_off_size
     added_mm2 = doubted.covariance_mm2 - clipped.covariance_mm2
     assert np.sqrt(np.trace(added_mm2)) == pytest.approx(0.25, rel=0.02)  # as of balls that show their size
@@ -117,8 +119,8 @@ def test_clipped_balls_are_not_believed_a_size_that_the_others_of_the_scan_contr
     once = [smaller[0]] * 3  # three candidates of one ball
     two = [*smaller[:2], replace(smaller[2], excess_mm=0.9)]
     for others in (smaller[:2], elsewhere, unlike, two, out_of_round, once):
-        assert not sized([clipped], others)[0].is_off_size
+        assert not with_doubted_sizes([clipped], others)[0].is_off_size
     known = replace(at(ball, 80.0), excess_mm=0.0)
-    assert not any(one.is_off_size for one in sized([clipped, known], smaller))
+    assert not any(one.is_off_size for one in with_doubted_sizes([clipped, known], smaller))
     one_more = replace(at(smaller[0], 80.0), excess_mm=0.9)
-    assert sized([clipped], [*smaller, one_more])[0].is_off_size
+    assert with_doubted_sizes([clipped], [*smaller, one_more])[0].is_off_size

@@ -14,8 +14,8 @@ from ronnaplan.localization.judge.evidence import Usual
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanwide.usual import (
     BLURRED_MM2,
-    alike,
     by_the_usual,
+    unlike_turned_down,
     usual_of,
     usual_profiles_mm,
 )
@@ -79,9 +79,9 @@ def test_what_is_softer_than_the_others_is_none_unless_metal_is_clipped(ball: Ex
     softer_mm = float(np.hypot(ball.parameters[BLUR], np.sqrt(1.1 * BLURRED_MM2)))
     others = [at(ball, 20.0 * n, edge=0.0) for n in range(3)]
     egg = at(ball, 80.0, edge=0.0, blur=softer_mm)
-    assert [one.is_marker for one in alike([*others, egg])] == [True, True, True, False]
-    assert all(one.is_marker for one in alike([*others, replace(egg, is_clipped=True)]))
-    assert all(one.is_marker for one in alike([*others[:1], egg]))  # of two nobody knows
+    assert [one.is_marker for one in unlike_turned_down([*others, egg])] == [True, True, True, False]
+    assert all(one.is_marker for one in unlike_turned_down([*others, replace(egg, is_clipped=True)]))
+    assert all(one.is_marker for one in unlike_turned_down([*others[:1], egg]))  # of two nobody knows
 
 
 def test_slices_that_lie_farther_apart_in_a_part_of_a_scan_may_be_thicker_there_or_leave_gaps(
@@ -91,17 +91,17 @@ def test_slices_that_lie_farther_apart_in_a_part_of_a_scan_may_be_thicker_there_
     near = [replace(at(ball, 20.0 * n, width=1.0), thickness_mm=1.0) for n in range(3)]
     gapped = [replace(at(ball, 20.0 * n, width=1.0), thickness_mm=2.0) for n in range(3, 11)]
     thick = [replace(at(ball, 20.0 * n, width=3.0), thickness_mm=3.0) for n in range(3, 11)]
-    assert all(one.is_marker for one in alike([*near, *gapped]))
-    assert all(one.is_marker for one in alike([*near, *thick]))
+    assert all(one.is_marker for one in unlike_turned_down([*near, *gapped]))
+    assert all(one.is_marker for one in unlike_turned_down([*near, *thick]))
     egg = replace(at(ball, 300.0, width=2.0), thickness_mm=1.0)
-    assert "over 2.0 mm, the others' over 1.0 mm" in alike([*near, *gapped, egg])[-1].failures[0][1]
+    assert "over 2.0 mm, the others' over 1.0 mm" in unlike_turned_down([*near, *gapped, egg])[-1].failures[0][1]
 
 
 def test_a_steep_kernel_that_is_fitted_now_one_way_now_the_other_makes_no_ball_softer(ball: Examined) -> None:
     """Nine balls were fitted as overshooting and seven, as close, with long tails, which were turned down."""
     overshooting = [at(ball, 20.0 * n, blur=0.869, edge=0.62) for n in range(9)]
     long_tails = [at(ball, 20.0 * n, blur=0.38, edge=-0.41) for n in range(9, 16)]
-    assert all(one.is_marker for one in alike([*overshooting, *long_tails]))
+    assert all(one.is_marker for one in unlike_turned_down([*overshooting, *long_tails]))
 
 
 def test_what_is_more_oval_within_the_slices_than_the_others_is_none(ball: Examined) -> None:
@@ -112,11 +112,11 @@ def test_what_is_more_oval_within_the_slices_than_the_others_is_none(ball: Exami
         return replace(at(ball, 20.0 * number), shape=shape)
 
     round_ones, egg = [oval(n, 0.001) for n in range(3)], oval(4, 0.05)
-    assert [one.is_marker for one in alike([*round_ones, egg])] == [True, True, True, False]
-    assert "oval by 5" in alike([*round_ones, egg])[-1].failures[0][1]
+    assert [one.is_marker for one in unlike_turned_down([*round_ones, egg])] == [True, True, True, False]
+    assert "oval by 5" in unlike_turned_down([*round_ones, egg])[-1].failures[0][1]
     ragged = [oval(n, 0.015) for n in range(3)]  # in cone beams
-    assert all(one.is_marker for one in alike([*ragged, egg]))
+    assert all(one.is_marker for one in unlike_turned_down([*ragged, egg]))
     sheared = replace(ball, shape=ball.shape + 0.1 * (np.eye(3)[:, [2, 1, 0]] - np.diag([0.0, 1.0, 0.0])))
-    assert all(one.is_marker for one in alike([*round_ones, at(sheared, 100.0)]))  # the head jumped
-    assert all(one.is_marker for one in alike([*round_ones, replace(egg, is_covered=True)]))
-    assert all(one.is_marker for one in alike([*round_ones[:1], egg]))  # of two nobody knows
+    assert all(one.is_marker for one in unlike_turned_down([*round_ones, at(sheared, 100.0)]))  # the head jumped
+    assert all(one.is_marker for one in unlike_turned_down([*round_ones, replace(egg, is_covered=True)]))
+    assert all(one.is_marker for one in unlike_turned_down([*round_ones[:1], egg]))  # of two nobody knows
