@@ -31,7 +31,7 @@ simulated patients, `docs/localization.md`)."""
 
 SLICE_LEVEL_HU = 3.0
 SLICE_CONTRAST = 0.003
-"""Standard deviations of one slice's level, and of its contrast as a share of the ball's."""
+"""Standard deviations of one slice's level, and of its contrast as a share of the ball's: chosen, fitted to nothing."""
 
 UNEVEN = 0.15
 """A marker's cavity, or what is wrapped around it, lies off its center by this share of the layer's thickness, in any

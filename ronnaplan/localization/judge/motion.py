@@ -50,10 +50,12 @@ SLICED_SHARE = 0.7
 they are not looked for where that is wider than this share of the radius."""
 
 PATTERN_ERRORS_MM = np.array([*[0.012, 0.012, 0.020] * 3, 0.012, 0.012, 0.003, 0.003, *[0.004] * 4, 0.006, 0.006])
-"""Standard deviation of each pattern in still scans, beyond noise."""
+"""Standard deviation of each pattern in still scans, beyond noise: chosen on 546 markers of simulated still scans, one
+of which was suspected then, as none of 192 others was."""
 
 ERROR_FACTOR = 1.5
-"""Residuals are more alike than sectors of one slice show: their standard errors count so many times."""
+"""Residuals are more alike than sectors of one slice show: their standard errors count so many times, chosen on the
+same."""
 
 WORTH_A_LOOK = 1.0
 """A pattern that is less than so many standard errors large needs no other explanation."""
