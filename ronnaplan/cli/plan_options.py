@@ -105,26 +105,25 @@ def configure_new(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", required=True, metavar="PLAN", help="the plan file to write")
 
 
-def configure_add(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of ``plan add``."""
+def _with_trajectory(parser: argparse.ArgumentParser, *, required: bool) -> None:
+    """Declare what makes a trajectory; whether its ends are ``required``."""
     with_name(parser)
     _with_scan(parser)
-    _with_target(parser, required=True)
-    _with_coordinates(parser, "entry", required=True)
+    _with_target(parser, required=required)
+    _with_coordinates(parser, "entry", required=required)
     _with_instrument(parser)
     _with_electrode(parser)
     _with_looks(parser)
+
+
+def configure_add(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of ``plan add``."""
+    _with_trajectory(parser, required=True)
 
 
 def configure_edit(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of ``plan edit``."""
-    with_name(parser)
-    _with_scan(parser)
-    _with_target(parser, required=False)
-    _with_coordinates(parser, "entry", required=False)
-    _with_instrument(parser)
-    _with_electrode(parser)
-    _with_looks(parser)
+    _with_trajectory(parser, required=False)
     parser.add_argument("--rename", metavar="NAME", help="a new name")
 
 
