@@ -1,4 +1,4 @@
-"""The parameters of a fitted ball, by name: their order is that of every parameter vector, Jacobian and prior."""
+"""The parameters of a fitted ball, ``theta``, by name: their order is that of every Jacobian and prior, too."""
 
 from __future__ import annotations
 
