@@ -9,7 +9,7 @@ import numpy as np
 
 from ronnaplan.correspondence.chance import Chance
 from ronnaplan.correspondence.evidence import fits_as_well
-from ronnaplan.correspondence.exact import in_volume, search
+from ronnaplan.correspondence.exact import in_volume, not_by_chance, search
 from ronnaplan.correspondence.pairing import IntArray, no_pairs
 from ronnaplan.correspondence.poses import SUCCESS_SIZES, Found, find_poses, work_allowed
 from ronnaplan.correspondence.priors import size_priors
@@ -94,7 +94,7 @@ def odds_of_body_beside(problem: Problem, poses: list[PairedPose], of_pairs: Flo
     body[i[paired]] = j[partners[top][paired]]
     if any(is_alike(pose.partner, body) for pose in poses[1:]):
         return 0.0
-    real = 1.0 / (1.0 + math.exp(min(background - log_evidence[top], 700.0)))
+    real = not_by_chance(float(log_evidence[top]), background)
     return real * math.exp(LOG_ODDS_PER_PAIR * (int(paired.sum()) - size))
 
 
@@ -174,7 +174,7 @@ def odds_of_body(chance: Chance, best: PairedPose, rival: PairedPose) -> float:
     if (rest >= 0).sum() < LEAST_PAIRS:
         return 0.0
     alone = weigh_pairs(chance.problem, rest, len(best.pairs))[1]
-    real = 1.0 / (1.0 + math.exp(min(-alone, 700.0)))
+    real = not_by_chance(alone, 0.0)
     of_best, of_rival = (chance.claims(pose) for pose in (best, rival))
     return real * odds_by_size(of_best.point_probabilities(of_rival), of_rival.point_probabilities(of_best))
 

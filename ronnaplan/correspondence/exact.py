@@ -200,3 +200,9 @@ def best_of(log_evidence: FloatArray, background: float) -> tuple[int, float]:
     for a in range(len(log_evidence)):
         total += math.exp(log_evidence[a] - log_evidence[best])
     return best, 1.0 / total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def not_by_chance(log_evidence: float, background: float) -> float:
+    """Return the probability that pairs of such evidence do not meet by chance, which has that of the background."""
+    return 1.0 / (1.0 + math.exp(min(background - log_evidence, 700.0)))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.correspondence.evidence import FEW_PAIRS, GATE_CHI2, SCALES, fits_as_well, log_misfit, log_misfit_at
-from ronnaplan.correspondence.exact import in_volume, search
+from ronnaplan.correspondence.exact import in_volume, not_by_chance, search
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.geometry import FloatArray
@@ -146,7 +146,7 @@ def regular_odds(
         agree = ((partners[a] >= 0) & (partners[a] == partners[best])).sum()
         if other < LEAST_REGULAR or 2 * agree > other:
             continue
-        real = 1.0 / (1.0 + math.exp(min(background - log_evidence[a], 700.0)))
+        real = not_by_chance(log_evidence[a], background)
         here = real * math.exp(-LOG_ODDS_PER_PAIR * max(size - other, 0))
         if here > odds and fits_as_well(chi2[best], size, chi2[a], other):
             odds = here
