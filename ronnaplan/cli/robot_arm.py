@@ -7,6 +7,8 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from ronnaplan.cli.values import held
+
 if TYPE_CHECKING:
     from ronnaplan.robot.arm.arm import SerialArm
     from ronnaplan.robot.arm.urdf import UrdfArm
@@ -14,6 +16,30 @@ if TYPE_CHECKING:
 
 BUILT_IN = "kr6r900"
 """What ``--arm`` calls the arm that needs no file."""
+
+
+def configure_arm(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments that name an arm."""
+    parser.add_argument(
+        "--arm", default=BUILT_IN, metavar="ARM", help="kr6r900 or a URDF file (default %(default)s)"
+    )
+    parser.add_argument(
+        "--tip", metavar="LINK", help="the link of the URDF that is the flange, z pointing out of it"
+    )
+    parser.add_argument(
+        "--base",
+        metavar="LINK",
+        help="the link of the URDF in which the robot's controller reports poses (default: the file's root link)",
+    )
+    parser.add_argument(
+        "--hold",
+        action="append",
+        default=[],
+        type=held,
+        metavar="JOINT=DEGREES",
+        help="a joint of the arm that stays at an angle, so that one of seven joints is planned with as one of six "
+        "(repeatable)",
+    )
 
 
 def named_arm(arguments: argparse.Namespace, room: Room) -> tuple[SerialArm, tuple[str, ...]]:

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ronnaplan.cli.output import tell, warn
-from ronnaplan.cli.robot_arm import BUILT_IN, example, named_arm
-from ronnaplan.cli.values import held, number
+from ronnaplan.cli.robot_arm import configure_arm, example, named_arm
+from ronnaplan.cli.values import number
 
 if TYPE_CHECKING:
     from ronnaplan.case.folder import Case
@@ -40,26 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--registration", metavar="FILE", help="registration.json: the tracker stands where it was then"
     )
-    parser.add_argument(
-        "--arm", default=BUILT_IN, metavar="ARM", help="kr6r900 or a URDF file (default %(default)s)"
-    )
-    parser.add_argument(
-        "--tip", metavar="LINK", help="the link of the URDF that is the flange, z pointing out of it"
-    )
-    parser.add_argument(
-        "--base",
-        metavar="LINK",
-        help="the link of the URDF in which the robot's controller reports poses (default: the file's root link)",
-    )
-    parser.add_argument(
-        "--hold",
-        action="append",
-        default=[],
-        type=held,
-        metavar="JOINT=DEGREES",
-        help="a joint of the arm that stays at an angle, so that one of seven joints is planned with as one of six "
-        "(repeatable)",
-    )
+    configure_arm(parser)
     parser.add_argument("--scene", metavar="FILE", help="room.toml: what stands in the room")
     measured = parser.add_mutually_exclusive_group()
     measured.add_argument(
