@@ -121,7 +121,7 @@ def fits_as_well(chi2: float, size: int, rival_chi2: float, rival_size: int) -> 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def cofactors(m: FloatArray) -> FloatArray:
-    """Return the cofactor matrix of a 3x3 matrix."""
+    """Return the cofactors (3, 3) of a matrix (3, 3)."""
     c = np.empty((3, 3))
     for a in range(3):
         p, q = (a + 1) % 3, (a + 2) % 3
@@ -133,13 +133,13 @@ def cofactors(m: FloatArray) -> FloatArray:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def determinant(m: FloatArray, c: FloatArray) -> float:
-    """Return the determinant of a 3x3 matrix with the cofactors ``c``."""
+    """Return the determinant of a matrix (3, 3) with the cofactors ``c`` (3, 3)."""
     return float(m[0, 0] * c[0, 0] + m[0, 1] * c[0, 1] + m[0, 2] * c[0, 2])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def largest_overlap(m: FloatArray, bound: float) -> float:
-    """Return the largest trace(R m) over the proper rotations R, given an upper bound of it.
+    """Return the largest trace(R m), of ``m`` (3, 3), over the proper rotations R, given an upper bound of it.
 
     It is the largest root of the characteristic quartic of Horn's quaternion matrix (Horn 1987); Newton's method
     from above (Theobald 2005) descends to it monotonically.  Mirror images are no rotation, so they are never fitted.
@@ -168,7 +168,7 @@ def largest_overlap(m: FloatArray, bound: float) -> float:
 def weighted_centroids(
     ct: FloatArray, ots: FloatArray, weight: FloatArray, i: IntArray, j: IntArray, k: int
 ) -> tuple[float, FloatArray, FloatArray]:
-    """Return the total weight and the weighted centroids of k pairs."""
+    """Return the total weight and the weighted centroids (3,) of the k pairs ``i`` and ``j``, by ``weight`` (n, m)."""
     total = 0.0
     p, q = np.zeros(3), np.zeros(3)
     for a in range(k):

@@ -90,7 +90,7 @@ def enter(
 def start_from_known(
     known: IntArray, node_i: IntArray, node_j: IntArray, adjacent: NDArray[np.uint64], i: IntArray, j: IntArray
 ) -> NDArray[np.uint64]:
-    """Enter the known pairs as the first of the clique; return the nodes that can join them."""
+    """Enter the known pairs (K, 2) as the first of the clique; return the nodes that can join them, as bits."""
     nodes = len(node_i)
     candidates = np.zeros(adjacent.shape[1], np.uint64)
     for a in range(nodes):
@@ -192,7 +192,7 @@ def search(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def best_of(log_evidence: FloatArray, background: float) -> tuple[int, float]:
-    """Return the index and posterior probability of the most probable pairing, (-1, 0) without any."""
+    """Return index and posterior probability of the most probable pairing by evidences (L,), (-1, 0) without any."""
     if len(log_evidence) == 0:
         return -1, 0.0
     best = int(np.argmax(log_evidence))

@@ -48,7 +48,7 @@ def list_edges(dx: FloatArray, dy: FloatArray, gate: FloatArray, edges: NDArray[
 def consistency_graph(
     ct: FloatArray, ots: FloatArray, weight: FloatArray, gate_chi2: float
 ) -> tuple[IntArray, IntArray, NDArray[np.uint64]]:
-    """Return i and j of each node, the best connected first, and the adjacency as rows of bits."""
+    """Return i and j (N,) of each node, the best connected first, and the adjacency as rows of bits (N, words)."""
     n, m = len(ct), len(ots)
     dx, dy, gate = distances(ct), distances(ots), gate_chi2 / weight
     edges = np.empty((16 * n * m, 2), np.int32)

@@ -116,7 +116,7 @@ class Doubts(NamedTuple):
 
 
 def weighed(views: list[Found], least_probability: float) -> tuple[Pairing, FloatArray]:
-    """Return the pairs of the best pose, or the reason why they are not given, and the probability of each.
+    """Return the pairs of the best pose, or the reason why they are not given, and the probability of each (L,).
 
     ``views``: what was found, weighed with the errors that are taken for true, and with those that are doubted.
     """
@@ -140,7 +140,7 @@ def weighed(views: list[Found], least_probability: float) -> tuple[Pairing, Floa
 def doubted(found: Found, doubts: Doubts, of_pairs: FloatArray, least_probability: float) -> Pairing:
     """Return the refusal of the best pose, by what doubts it most.
 
-    ``of_pairs`` are the probabilities that its pairs do not meet by chance.
+    ``of_pairs`` (L,) are the probabilities that its pairs do not meet by chance.
     """
     best, rivals, probability = found.poses[0], rivals_of(found.poses), doubts.probability
     if doubts.of_body_beside > max(doubts.found, doubts.missed, doubts.by_chance):

@@ -72,7 +72,8 @@ def mirror_is_better(
 ) -> bool:
     """Tell whether the mirror image of the CT points pairs ``size`` or more points far better than ``log_evidence``.
 
-    Then one of the sets is left-handed, and what fits without a reflection is a flat part of it, or nearly flat.
+    Then one of the sets is left-handed, and what fits without a reflection is a flat part of it, or nearly flat.  The
+    arguments are those of `exact.search`.
     """
     mirrored, as_large = ct.copy(), constants.copy()
     for i in range(len(mirrored)):
@@ -133,7 +134,7 @@ def regular_odds(
     best: int,
     background: float,
 ) -> float:
-    """Return the odds, to the ``best`` of the listed pairings, of one that pairs the points otherwise and fits as well.
+    """Return the odds, to the ``best`` of L listed pairings, of one that pairs the points otherwise and fits as well.
 
     Such points are laid out regularly, and the noise of many makes evidences differ by more than is told apart: only
     pairs more count, by `LOG_ODDS_PER_PAIR` each.  0 where nothing fits as well.

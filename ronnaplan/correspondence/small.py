@@ -250,7 +250,7 @@ def is_mirrored(problem: Problem, weighed: Weighed) -> bool:
 
 
 def best_touch(weighed: Weighed, posterior: FloatArray) -> int | None:
-    """Return the CT point whose partner is least certain: touching it tells most about the rest."""
+    """Return the CT point whose partner is least certain, by a posterior (L,): touching it tells most of the rest."""
     entropy = np.zeros(weighed.partners.shape[1])
     for i, column in enumerate(weighed.partners.T):
         share = np.bincount(column + 1, weights=posterior)

@@ -40,7 +40,7 @@ class PairedPose:
 
 
 def weigh_pairs(problem: Problem, partner: IntArray, taken: int = 0) -> tuple[float, float]:
-    """Return the chi^2 of a pairing and its log evidence, see `pose_evidence`."""
+    """Return the chi^2 of a pairing (n,) and its log evidence, see `pose_evidence`."""
     return pose_evidence(problem.ct, problem.ots, problem.weights, problem.volume_mm3, partner, taken)
 
 
@@ -50,7 +50,8 @@ def pose_evidence(
 ) -> tuple[float, float]:
     """Return the chi^2 of a pairing, and its log evidence as in `evidence`, with markers as wide as the outliers.
 
-    ``taken``: points of either set that belong to another body and could not have paired.
+    ``weight`` (n, m): 1/variance of a pair; ``partner`` (n,); ``taken``: points of either set that belong to another
+    body and could not have paired.
     """
     i = np.flatnonzero(partner >= 0)
     j, size = partner[i], len(i)

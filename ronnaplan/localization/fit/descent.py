@@ -128,14 +128,14 @@ class Prior:
 def descend(
     used: Neighbourhood, theta: FloatArray, prior: Prior, effort: Effort = WHOLE
 ) -> tuple[FloatArray, bool]:
-    """Levenberg-Marquardt from ``theta``; returns the best parameters and whether the steps came to rest."""
+    """Levenberg-Marquardt from ``theta`` (P,); returns the best parameters (P,) and whether the steps came to rest."""
     return go_on(used, theta, FIRST_DAMPING, prior, effort)[:2]
 
 
 def go_on(
     used: Neighbourhood, theta: FloatArray, damping: float, prior: Prior, effort: Effort
 ) -> tuple[FloatArray, bool, float]:
-    """Descend from ``theta`` with the ``damping`` of its last step; returns that of the next one as well."""
+    """Descend from ``theta`` (P,) with the ``damping`` of its last step; returns that of the next one as well."""
     voxels, held = (used.offsets_mm, used.values_hu, used.floors_hu), (prior.mean, prior.weight)
     steps, gain, last_mm = effort
     end_hu = used.ceiling_hu

@@ -135,7 +135,7 @@ Judged = tuple[Verdict, NDArray[np.bool_]]
 
 
 def judge_directions(around: Neighbourhood, theta: FloatArray, layer_mm: float) -> Judged:
-    """Judge every direction by the voxels within reach."""
+    """Judge every direction by the voxels (N,) within reach; tell which of these agree with the ball ``theta`` (P,)."""
     voxels = around.offsets_mm, around.values_hu, around.floors_hu
     told, agreeing = _survey(*voxels, theta, layer_mm, discs(theta), around.ceiling_hu, cell_directions())
     return Verdict(*told), agreeing

@@ -72,7 +72,7 @@ def machine_of(arm: SerialArm, room: Room, instruments: FloatArray = NO_INSTRUME
 def unchecked_machine(
     arm: SerialArm, room: Room, wrist: Wrist, instruments: FloatArray = NO_INSTRUMENTS
 ) -> Machine:
-    """Return the robot, of the arm's ``wrist``, as `machine_of` does whatever the reference posture."""
+    """Return the robot, of the arm's ``wrist``, as `machine_of` does, but in whatever posture it starts from."""
     links, bodies, tool_from = bodies_of(arm, room)
     carriers = np.append(links, len(arm))  # the instrument goes with the last link
     marker = np.zeros((2, 3))
