@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.algebra import inverse
 from ronnaplan.localization.fit.depth import edge_depth, on_surface
-from ronnaplan.localization.fit.descent import Prior, layer_jacobian, residuals_and_jacobian
+from ronnaplan.localization.fit.descent import Prior
 from ronnaplan.localization.fit.directions import Verdict
 from ronnaplan.localization.fit.model import METAL_CONTRAST_HU, has_streaks
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import BACKGROUND, BLUR, CENTER, CONTRAST, RADIUS, SLOPES
+from ronnaplan.localization.fit.residuals import layer_jacobian, residuals_and_jacobian
 from ronnaplan.localization.fit.shading import PLATEAU_SHARE, Shading, shaded
 
 

@@ -21,17 +21,16 @@ from ronnaplan.localization.fit.descent import (
     MAX_WANDER,
     REST,
     Prior,
-    cavity_moved_hu,
     descend,
     go_on,
     is_no_marker,
-    residuals_and_jacobian,
 )
 from ronnaplan.localization.fit.directions import Judged, Verdict, judge_directions
 from ronnaplan.localization.fit.embedded import within_its_holder
 from ronnaplan.localization.fit.model import has_layer, shown_hu
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import BLUR, CENTER, CONTRAST, EDGE, RADIUS, WIDTH
+from ronnaplan.localization.fit.residuals import cavity_moved_hu, residuals_and_jacobian
 from ronnaplan.localization.fit.skin import is_mount, is_skin, lies_on_something, with_skin
 from ronnaplan.localization.fit.starts import (
     HOPELESS_MISFIT,

@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.algebra import inverse
-from ronnaplan.localization.fit.descent import Prior, layer_jacobian
+from ronnaplan.localization.fit.descent import Prior
 from ronnaplan.localization.fit.model import has_layer, has_skin
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood, first_of_each
 from ronnaplan.localization.fit.parameters import BACKGROUND, CENTER, CONTRAST
+from ronnaplan.localization.fit.residuals import layer_jacobian
 from ronnaplan.localization.fit.skin import CURVATURE_SPREAD_PER_MM, bent
 
 SLOPE_PER_MM_HU = 1.5e-7

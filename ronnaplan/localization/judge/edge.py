@@ -22,7 +22,6 @@ from ronnaplan.localization.fit.algebra import inverse, quantile
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.cells import BACKGROUND_QUANTILE, cell_directions, cell_means, direction_cells
 from ronnaplan.localization.fit.depth import deep_inside, edge_depth, within_reach
-from ronnaplan.localization.fit.descent import residuals_and_jacobian
 from ronnaplan.localization.fit.directions import near_any, unlike_inside
 from ronnaplan.localization.fit.parameters import (
     CENTER,
@@ -34,6 +33,7 @@ from ronnaplan.localization.fit.parameters import (
     W,
     edge_variance_mm2,
 )
+from ronnaplan.localization.fit.residuals import residuals_and_jacobian
 
 BEYOND_MM = (0.3, 1.5)
 STANDS_SHARE = 0.1

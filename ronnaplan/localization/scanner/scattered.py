@@ -19,10 +19,10 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.cells import direction_cells
 from ronnaplan.localization.fit.depth import edge_depth, within_reach
-from ronnaplan.localization.fit.descent import residuals_and_jacobian
 from ronnaplan.localization.fit.directions import ATTACHED_SHARE
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import CENTER
+from ronnaplan.localization.fit.residuals import residuals_and_jacobian
 from ronnaplan.localization.scanner.beside import all_beside
 from ronnaplan.localization.scanner.hardened import (
     LEAST_LOSS,

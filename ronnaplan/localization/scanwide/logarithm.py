@@ -16,8 +16,8 @@ import numpy as np
 from ronnaplan.geometry import robust_spread
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import LEAST_TOGETHER, Examined, distinct, fit_place
-from ronnaplan.localization.fit.descent import residuals_and_jacobian
 from ronnaplan.localization.fit.parameters import WIDTH
+from ronnaplan.localization.fit.residuals import residuals_and_jacobian
 from ronnaplan.localization.scanner.hardened import MadeGood
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanner.summed import ALIKE_VOXELS, Summed, lost_to_summing_hu

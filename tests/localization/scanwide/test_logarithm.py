@@ -13,7 +13,7 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.localization import Build, Fiducials, localize
 from ronnaplan.localization.build import SOLID
 from ronnaplan.localization.examine import examine_place
-from ronnaplan.localization.fit.descent import residuals_and_jacobian
+from ronnaplan.localization.fit.residuals import residuals_and_jacobian
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanwide import logarithm
 from ronnaplan.localization.scanwide.logarithm import summed_told, told_by
