@@ -13,11 +13,14 @@ SIZE: Final = struct.Struct("<Q")
 
 
 def environment() -> dict[str, str]:
-    """Return the environment in which another process finds this very package, wherever it is begun."""
+    """Return the environment in which another process finds this very package, wherever it is begun.
+
+    What it says is UTF-8, on Windows too, where it would take the letters of a region.
+    """
     here = str(Path(__file__).resolve().parents[1])
     paths = os.pathsep.join(filter(None, [here, os.environ.get("PYTHONPATH")]))
     # -m would look in the folder where it is begun first, which may hold another copy of the source
-    return {**os.environ, "PYTHONPATH": paths, "PYTHONSAFEPATH": "1"}
+    return {**os.environ, "PYTHONPATH": paths, "PYTHONSAFEPATH": "1", "PYTHONIOENCODING": "utf-8"}
 
 
 def send(stream: IO[bytes], thing: Any) -> None:

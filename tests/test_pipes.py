@@ -30,3 +30,13 @@ def test_no_path_is_empty_where_none_was_asked_for(monkeypatch: pytest.MonkeyPat
     """An empty one would be the folder that the process is begun in."""
     monkeypatch.delenv("PYTHONPATH", raising=False)
     assert environment()["PYTHONPATH"] == os.fspath(Path(__file__).resolve().parents[1])
+
+
+@pytest.mark.parametrize("stream", ["stdout", "stderr"])
+def test_letters_that_another_process_says_arrive_whatever_those_of_a_region_are(
+    monkeypatch: pytest.MonkeyPatch, stream: str
+) -> None:
+    monkeypatch.setenv("PYTHONIOENCODING", "cp1252")  # what Windows takes by itself for a pipe
+    command = [sys.executable, "-c", f"import sys; print('M\\xfcller \\u03c3', file=sys.{stream})"]
+    told = subprocess.run(command, env=environment(), capture_output=True, check=True)
+    assert (told.stdout + told.stderr).decode().strip() == "Müller σ"
