@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import errno
 import mmap
 import os
 import sys
@@ -143,6 +144,30 @@ def test_a_file_that_another_program_reads_is_replaced_once_it_is_let_go(
 @pytest.mark.usefixtures("elsewhere")
 def test_readings_are_read(tmp_path: Path) -> None:
     assert len(read_recording(cases.write_readings(tmp_path / "readings.csv")).points) == len(cases.readings())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="nothing of POSIX is there")
+@pytest.mark.parametrize("knows", [True, False])
+def test_on_macos_the_disk_itself_is_waited_for_where_the_file_system_can(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, knows: bool
+) -> None:
+    import fcntl
+
+    asked, flush, path = [], 51, tmp_path / "result.json"  # F_FULLFSYNC, which only macOS has
+
+    def control(_: int, command: int) -> None:
+        asked.append("disk" if command == flush else "other")
+        if not knows:
+            raise OSError(errno.ENOTSUP, "not supported")
+
+    monkeypatch.setattr(portable, "sys", SimpleNamespace(platform="darwin"))
+    monkeypatch.setattr(fcntl, "F_FULLFSYNC", flush, raising=False)
+    monkeypatch.setattr(fcntl, "fcntl", control)
+    monkeypatch.setattr(os, "fsync", lambda _: asked.append("system"))
+    with path.open("wb") as file:
+        portable.sync(file.fileno())
+    portable.sync_folder(tmp_path)
+    assert asked == (["disk"] * 2 if knows else ["disk", "system"] * 2)
 
 
 def held_kb(name: str, access: str) -> int:

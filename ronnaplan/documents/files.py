@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ronnaplan.errors import NO_ROOM, InputError, UnwrittenError, UsageError
-from ronnaplan.portable import keep_access, replace, sync_folder
+from ronnaplan.portable import keep_access, replace, sync, sync_folder
 from ronnaplan.untrusted import parse_json, read_whole
 
 Document = TypeVar("Document")
@@ -156,7 +156,7 @@ def _replace(target: Path, content: bytes) -> None:
                 keep_access(stream.fileno(), before)
             stream.write(content)
             stream.flush()
-            os.fsync(stream.fileno())
+            sync(stream.fileno())
         replace(beside, target)
         sync_folder(target.parent)
     finally:

@@ -29,6 +29,7 @@ class Database:
         try:
             self._connection.execute("PRAGMA journal_mode = WAL")
             self._connection.execute("PRAGMA synchronous = FULL")
+            self._connection.execute("PRAGMA fullfsync = ON")  # as `portable.sync` does on macOS
             self._connection.execute("PRAGMA foreign_keys = ON")
             _require_columns(self._connection, path, schema)
             self._connection.executescript(schema)

@@ -12,6 +12,8 @@ from pathlib import Path
 
 from pynetdicom import PYNETDICOM_IMPLEMENTATION_UID, PYNETDICOM_IMPLEMENTATION_VERSION
 
+from ronnaplan.portable import sync
+
 
 class Spool:
     """A DICOM file in a folder for incoming instances.
@@ -59,7 +61,7 @@ class Spool:
         """Wait until the content is on the disk; raises the OSError of any step since the beginning."""
         if self._error is not None:
             raise self._error
-        os.fsync(self._stream.fileno())
+        sync(self._stream.fileno())
         self._stream.close()
 
     def keep(self) -> None:
