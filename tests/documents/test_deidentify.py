@@ -434,7 +434,9 @@ def converted(count: int) -> Dataset:
         one.AccessionNumber = one.ReferringPhysicianName = one.StudyID = one.PatientBirthDate = one.PatientSex = ""
         one.BodyPartExamined, one.StationName = "HEAD", "SECRET"
         one.private_block(0x0099, "SECRET", create=True).add_new(1, "LO", f"SECRET {one.InstanceNumber}")
-    return LegacyConvertedEnhancedCTImage(slices, "1.2.3.7", 2, "1.2.3.8", 1)
+    made = LegacyConvertedEnhancedCTImage(slices, "1.2.3.7", 2, "1.2.3.8", 1)
+    made._db_con.close()  # its own database of the frames: Python 3.13 warns of one that is left open
+    return made
 
 
 def _timed(groups: Dataset, _: int) -> None:
