@@ -1,9 +1,6 @@
-import fcntl
 import os
-import pty
 import struct
 import sys
-import termios
 
 import pytest
 
@@ -11,6 +8,10 @@ from ronnaplan.ct.progress import advancing
 
 
 def test_a_long_read_shows_a_bar_on_a_terminal_and_passes_every_item_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    pty = pytest.importorskip("pty", reason="Windows has no such terminal")
+    import fcntl
+    import termios
+
     try:
         reading_end, terminal = pty.openpty()
     except OSError as error:
