@@ -1,7 +1,8 @@
-"""An HTML page printed to PDF by Chromium, where there is one."""
+"""An HTML page printed to PDF by Chromium, or Chrome or Edge, which are made of it, where there is one."""
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import tempfile
@@ -10,7 +11,17 @@ from pathlib import Path
 from ronnaplan.errors import InputError, UnwrittenError
 from ronnaplan.portable import is_administrator
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+BROWSERS = (
+    *("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "microsoft-edge", "msedge"),
+    *(
+        f"/Applications/{name}.app/Contents/MacOS/{name}"
+        for name in ("Google Chrome", "Chromium", "Microsoft Edge")
+    ),
+    r"%ProgramFiles%\Google\Chrome\Application\chrome.exe",
+    r"%ProgramFiles(x86)%\Microsoft\Edge\Application\msedge.exe",
+)
+"""Commands, and where macOS and Windows install what no command starts there."""
+
 TIME_LIMIT_S = 120
 
 ROOM_BYTES = 16 * 2**20
@@ -24,8 +35,8 @@ FLAGS = (
 
 
 def find_browser() -> str | None:
-    """Return the path of a Chromium, or None."""
-    return next((found for found in map(shutil.which, BROWSERS) if found), None)
+    """Return the path of a Chromium, Chrome or Edge, or None."""
+    return next((found for name in BROWSERS if (found := shutil.which(os.path.expandvars(name)))), None)
 
 
 def print_pdf(html: str) -> bytes:
@@ -37,7 +48,7 @@ def print_pdf(html: str) -> bytes:
     browser = find_browser()
     if browser is None:
         raise InputError(
-            f"no Chromium was found to print a PDF (tried {', '.join(BROWSERS)}); write .html instead"
+            "neither Chromium nor Chrome nor Edge was found to print a PDF; install one, or write .html instead"
         )
     with tempfile.TemporaryDirectory(prefix="ronnaplan-") as folder:
         try:

@@ -343,6 +343,16 @@ def test_without_a_browser_a_pdf_is_refused_with_the_way_out(monkeypatch: pytest
         print_pdf("<p>")
 
 
+def test_a_browser_that_no_command_starts_is_found_where_it_is_installed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    browser = tmp_path / "Google Chrome"
+    browser.touch(0o755)
+    monkeypatch.setenv("APPLICATIONS", str(tmp_path))
+    monkeypatch.setattr("ronnaplan.report.pdf.BROWSERS", ("no-such-command", "$APPLICATIONS/Google Chrome"))
+    assert find_browser() == str(browser)
+
+
 def test_a_browser_that_takes_too_long_is_told_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
     def printing(command: list[str], *, timeout: float, **_: Any) -> None:
         raise subprocess.TimeoutExpired(command, timeout)
