@@ -49,20 +49,31 @@ def associated(
             contexts=[*entity.requested_contexts, *stored],
             ext_neg=[build_role(sop_class, scp_role=True) for sop_class in (*provided, *back)],
             tls_args=None if own is None else (own, peer.host),
-            evt_handlers=[(evt.EVT_CONN_OPEN, lambda event: end_at_fault(event.assoc)), *handlers],
+            evt_handlers=[(evt.EVT_CONN_OPEN, _bound, [config.limits.silent_s]), *handlers],
         )
     except (OSError, UnicodeError) as error:
         raise InputError(f"{named} cannot be reached: no host of this name is known; check its address") from error
     try:
         if not association.is_established:
             raise InputError(f"{named} {_why_not(association, own)}")
-        Checkpoint(association).guard()
+        Checkpoint().guard(association)
         yield association
+    except KeyboardInterrupt:  # the peer may be amid a long answer
+        association.abort()
+        raise
     finally:
         if association.is_established:
             association.release()
         else:
             association.abort()
+
+
+def _bound(event: evt.Event, silent_s: float) -> None:
+    """Have the thread that speaks with a peer wait no longer for it amid a message, where pynetdicom waits for ever."""
+    connection = event.assoc.dul.socket
+    if connection is not None and connection.socket is not None:
+        connection.socket.settimeout(silent_s)
+    end_at_fault(event.assoc)
 
 
 def _why_not(association: Association, own: Context | None) -> str:
@@ -92,53 +103,52 @@ class Checkpoint(threading.Event):
     pynetdicom 3.0 lets that thread say that it waits a moment before and after it does (its issue 875): it then takes
     the first answer and drops it, and a list lacks an entry that nobody misses. It also serves what a peer reports
     (N-EVENT-REPORT) in a third thread, which says in the end that nobody waits: who lets go of the association would
-    look for that for ever, or let go before the report is answered. Here saying and waiting are one, and who pauses
-    the thread is asked to wait for both.
+    look for that for ever, or let go before the report is answered. Here it waits who is here, whatever others say, and
+    who pauses the thread waits for what is served.
     """
 
-    def __init__(self, association: Association) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self._association, self._serve_request = association, association._serve_request
-        self._passing, self._serving = threading.Lock(), threading.Lock()
-        self._here = threading.Event()
+        self.serving, self._passing = threading.Lock(), threading.Lock()
+        self.is_reached = False
+        """Whether the thread has come here and was not let pass yet."""
         self.set()
 
-    def guard(self) -> None:
-        """Take the place of the association's checkpoint; return when its thread has come here."""
-        self._association._serve_request = self._serve  # type: ignore[method-assign, assignment]
-        self._association._reactor_checkpoint = self
-        self.clear()
-        self.set()
+    def guard(self, association: Association) -> None:
+        """Take the place of an association's checkpoint."""
+        association._reactor_checkpoint = self
+        association.__class__ = _Guarded
 
     def wait(self, timeout: float | None = None) -> bool:
         """Wait until the thread may pass; it is no longer paused before another can ask it to be."""
-        with self._passing:
-            self._here.set()
-            self._tell()
+        self.is_reached = True
         while True:
             super().wait(timeout)
             with self._passing:
                 if self.is_set():
-                    self._here.clear()
-                    self._tell()
+                    self.is_reached = False
                     return True
 
     def clear(self) -> None:
-        """Let the thread pass no more; return when it is here or has ended, and what the peer reported is answered."""
-        with self._serving, self._passing:
+        """Let the thread pass no more, once what the peer reported is answered."""
+        with self.serving, self._passing:
             super().clear()
-        while self._association.is_alive() and not self._here.wait(0.01):
-            pass
-        with self._passing:
-            self._tell()
 
-    def _tell(self) -> None:
-        """Say whether the thread waits, which pynetdicom looks for before it sends."""
-        self._association._is_paused = self._here.is_set() or not self._association.is_alive()
 
-    def _serve(self, message: Any, context_id: int) -> None:
-        """Serve what the peer asks, and say again what pynetdicom has overwritten."""
-        with self._serving:
-            self._serve_request(message, context_id)
-            with self._passing:
-                self._tell()
+class _Guarded(Association):
+    """An association of whose thread its `Checkpoint` alone knows whether it waits."""
+
+    _reactor_checkpoint: Checkpoint
+
+    @property
+    def _is_paused(self) -> bool:
+        """Whether its thread waits, or has ended; pynetdicom looks for that before it sends."""
+        return self._reactor_checkpoint.is_reached or not self.is_alive()
+
+    @_is_paused.setter
+    def _is_paused(self, said: bool) -> None:
+        """Take no notice of what pynetdicom says, which several of its threads do."""
+
+    def _serve_request(self, msg: Any, context_id: int) -> None:
+        with self._reactor_checkpoint.serving:
+            super()._serve_request(msg, context_id)

@@ -74,6 +74,7 @@ def destination(config: Config, peer: Peer, handlers: Sequence[Any]) -> Iterator
         yield
     finally:
         server.shutdown()
+        server.part()
         thread.join()
 
 

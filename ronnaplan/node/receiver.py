@@ -114,10 +114,12 @@ class Receiver:
             self._server.serve_forever(poll_interval=0.1)
 
     def stop(self) -> None:
-        """Let go of the port, finish what waits."""
+        """Let go of the port, finish what waits, and part from peers."""
         if self._server is not None:
             self._server.shutdown()
         self._store.stop()
+        if self._server is not None:
+            self._server.part()
 
     def _entity(self) -> AE:
         entity = AE(self.config.titles[0])

@@ -32,6 +32,8 @@ LARGEST_REQUEST = MIB
 PENDING_PER_ASSOCIATION = 2
 """Connections open at one time for each association that may be: those above the limit are told so."""
 COLLECT_S = 60.0
+PART_S, LOOK_S = 5.0, 0.02
+"""So long a server that ends waits at most for its threads, and so often it looks for them."""
 _BEYOND = 4096
 """Room for the next PDU's beginning behind a whole one."""
 
@@ -245,6 +247,20 @@ class Server(ThreadedAssociationServer):
         """Stop, and let go of the port."""
         BaseServer.shutdown(self)  # pynetdicom's own expects a server that it started itself
         self.server_close()
+
+    def part(self) -> None:
+        """Close what connections there are, and wait until their threads have ended: the process would wait for them.
+
+        Peers take what they are not told of for not kept.
+        """
+        last = time.monotonic() + PART_S
+        while (left := self.active_associations) and time.monotonic() < last:
+            for association in left:
+                connection = association.dul.socket
+                if connection is not None and connection.socket is not None:
+                    with suppress(OSError):  # closed meanwhile; TLS' own would take its state from who reads now
+                        socket.socket.shutdown(connection.socket, socket.SHUT_RDWR)
+            time.sleep(LOOK_S)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say what went wrong with one connection in one line."""

@@ -68,7 +68,7 @@ def write_toml(home: Path, port: int, rest: str = "", *, quiet_s: float = 0.5, s
 def associate(entity: AE, port: int, **more: Any) -> Association:
     """Ask the node at ``port`` of this machine for an association, on which no answer is lost."""
     association = entity.associate("127.0.0.1", port, ae_title="RONNAPLAN", **more)
-    Checkpoint(association).guard()
+    Checkpoint().guard(association)
     return association
 
 

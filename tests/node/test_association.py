@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import socket
+import struct
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from threading import Event, Thread
-from typing import Any
 
 import numpy as np
 import pytest
@@ -81,25 +81,65 @@ def test_a_peer_that_hangs_is_cut_off_and_others_are_served(begun: bytes, tmp_pa
         until(lambda: [one for one in node.events("cut off") if one["reason"] == "no association was asked for"])
 
 
-def test_who_pauses_an_association_is_told_so_whatever_is_served_meanwhile(node: Listening) -> None:
+def test_who_pauses_an_association_is_told_so_whatever_is_said_meanwhile(node: Listening) -> None:
     """pynetdicom serves a report in a third thread, which said that the association runs: all waited for ever."""
     entity = AE("CT1")
     entity.add_requested_context(CTImageStorage)
     association = associate(entity, node.port)
     held = association._reactor_checkpoint
-    served: Any = held
-    served._serve_request = lambda *_: setattr(association, "_is_paused", False)
     for paused in (True, False, True):
         if paused:
             held.clear()
         else:
             held.set()
-            until(lambda: not association._is_paused)
-        association._serve_request(served, 1)
+        until(lambda paused=paused: association._is_paused == paused)  # type: ignore[misc]
+        association._is_paused = not paused
         until(lambda paused=paused: association._is_paused == paused)  # type: ignore[misc]
     held.set()
     association.release()
     assert association.is_released
+
+
+@pytest.mark.parametrize(
+    ("answered", "passed_on"), [(0, 9999), (1, 9999), (9999, 1)], ids=["accepting", "answering", "reading"]
+)
+def test_a_receiver_that_falls_silent_amid_a_message_is_not_waited_for(answered: int, passed_on: int) -> None:
+    """Nothing more was delivered to it until the node began anew."""
+    entity, over = AE("PACS"), Event()
+    entity.add_supported_context(CTImageStorage)
+    archive = entity.start_server(("127.0.0.1", 0), block=False, evt_handlers=[(evt.EVT_C_STORE, lambda _: 0)])
+    assert archive is not None
+
+    def pass_on(messages: int, by: socket.socket, to: socket.socket) -> None:
+        with suppress(OSError, struct.error):
+            for _ in range(messages):
+                head = by.recv(6, socket.MSG_WAITALL)
+                (length,) = struct.unpack(">2xL", head)
+                to.sendall(head + by.recv(length, socket.MSG_WAITALL))
+            to.sendall(by.recv(3))
+        over.wait()
+
+    def stand_between() -> None:
+        with server.accept()[0] as near, socket.create_connection(archive.server_address[:2]) as far:
+            back = Thread(target=pass_on, args=(answered, far, near))
+            back.start()
+            pass_on(passed_on, near, far)
+            far.shutdown(socket.SHUT_RDWR)
+            back.join()
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        between = Thread(target=stand_between)
+        between.start()
+        peer = Peer(name="pacs", title="PACS", port=server.getsockname()[1])
+        made = makers.dataset(0, stored=np.zeros((3000, 3000), np.int16))
+        with (
+            suppress(InputError),  # where it never says that it accepts
+            associated(Config(limits=Limits(silent_s=1.0)), peer, [CTImageStorage]) as association,
+        ):
+            assert "Status" not in association.send_c_store(made)
+        over.set()
+        between.join()
+        archive.shutdown()
 
 
 def test_a_peer_that_falls_silent_is_cut_off(tmp_path: Path) -> None:
@@ -239,3 +279,15 @@ def test_more_associations_than_allowed_are_told_to_come_again(tmp_path: Path) -
         assert "Local Limit Exceeded" in said
         held.release()
         until(lambda: "Success" in send(node.port, instance(tmp_path)))
+
+
+def test_who_is_connected_when_the_node_ends_is_parted_from_and_what_came_is_told(tmp_path: Path) -> None:
+    """The node's process waited ten seconds for each scanner that held on, and was killed then."""
+    with listening(tmp_path) as node:
+        entity = AE("CT1")
+        entity.add_requested_context(CTImageStorage)
+        association = associate(entity, node.port)
+        assert association.send_c_store(makers.dataset(0)).Status == 0
+    assert not node.receiver._server.active_associations  # type: ignore[union-attr]
+    assert [one["instances"] for one in node.events("received")] == [1]
+    until(lambda: association.is_aborted)
