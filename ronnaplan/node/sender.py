@@ -61,15 +61,16 @@ class Sender(threading.Thread):
 
     def run(self) -> None:
         """Deliver what is due until `stop`."""
-        with Index(self._config.data) as index:
-            while not self._ending.wait(IDLE_S):
-                try:
-                    self.deliver(index, time.time())
-                    self.report(index, time.time())
-                except (OSError, sqlite3.Error) as error:
-                    # a full disk, an index that another one holds: tried again
-                    self._log.tell("cannot deliver", receiver=self._peer.name, reason=str(error))
-                    self._ending.wait(RESTART_S)
+        while not self._ending.is_set():
+            try:
+                with Index(self._config.data) as index:
+                    while not self._ending.wait(IDLE_S):
+                        self.deliver(index, time.time())
+                        self.report(index, time.time())
+            except (OSError, sqlite3.Error) as error:
+                # a full disk, an index that another one holds: tried again
+                self._log.tell("cannot deliver", receiver=self._peer.name, reason=str(error))
+                self._ending.wait(RESTART_S)
 
     def stop(self) -> None:
         """End after what is being sent."""

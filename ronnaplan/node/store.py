@@ -89,8 +89,9 @@ class Store:
 
     def start(self) -> None:
         """Clear what a killed node left, then take arrivals in a thread of their own."""
-        self._clear_unacknowledged()
-        self._thread = threading.Thread(target=self._take_groups, name="store", daemon=True)
+        index = Index(self.folder)  # one that cannot be opened ends the receiver, which is begun anew
+        self._clear_unacknowledged(index)
+        self._thread = threading.Thread(target=self._take_groups, args=(index,), name="store", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
@@ -109,8 +110,8 @@ class Store:
                 if self._thread is None or not self._thread.is_alive():
                     return self._refused(arrival, "the node ends")
 
-    def _take_groups(self) -> None:
-        with Index(self.folder) as index:
+    def _take_groups(self, index: Index) -> None:
+        with index:
             while True:
                 group: list[Arrival | None] = []
                 with suppress(queue.Empty):
@@ -210,18 +211,18 @@ class Store:
         )
 
     def _refused(self, one: Arrival, reason: object) -> Taken:
-        one.path.unlink(missing_ok=True)
+        with suppress(OSError):  # of a disk that lets nothing be changed any more; removed when the node starts
+            one.path.unlink(missing_ok=True)
         self._log.tell(
             "refused", status=f"{Status.NO_ROOM:04X}", reason=f"cannot be kept: {reason}", calling=one.calling
         )
         return Taken(Status.NO_ROOM)
 
-    def _clear_unacknowledged(self) -> None:
+    def _clear_unacknowledged(self, index: Index) -> None:
         """Remove files that are not in the index: their senders were told nothing, and will send them again."""
         for path in self.incoming.iterdir():
             path.unlink(missing_ok=True)
-        with Index(self.folder) as index:
-            known = {path for (path,) in index.rows("SELECT path FROM instances UNION SELECT path FROM aside")}
+        known = {path for (path,) in index.rows("SELECT path FROM instances UNION SELECT path FROM aside")}
         for path in [*(self.folder / INSTANCES).rglob("*.dcm"), *(self.folder / ASIDE).glob("*.dcm")]:
             if path.relative_to(self.folder).as_posix() not in known:
                 path.unlink(missing_ok=True)

@@ -18,6 +18,7 @@ from pynetdicom import AE, StoragePresentationContexts, evt
 
 from ronnaplan.documents.dicom_spatial import dicom_bytes, spatial_fiducials
 from ronnaplan.documents.fiducials import Source
+from ronnaplan.node import sender as sender_module
 from ronnaplan.node.config import Config
 from ronnaplan.node.index import Index
 from ronnaplan.node.logs import Log
@@ -109,6 +110,31 @@ def test_an_answer_waits_for_its_receiver_and_goes_encrypted_to_the_right_one_on
             until(lambda told=told, why=why: state().startswith(told) and why in state())  # type: ignore[misc]
             assert told == "sent" or all(state().startswith(told) for _ in range(3))
             assert len(list(got.iterdir())) == (told == "sent")
+
+
+def test_a_sender_outlives_an_index_that_cannot_be_opened_when_it_begins(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing was delivered to its receiver until the node began anew."""
+    opened: list[Path] = []
+
+    def open_index(folder: Path) -> Index:
+        opened.append(folder)
+        if len(opened) == 1:
+            raise sqlite3.OperationalError("database is locked")
+        return Index(folder)
+
+    monkeypatch.setattr(sender_module, "Index", open_index)
+    monkeypatch.setattr(sender_module, "RESTART_S", 0.1)
+    config, told = configuration(tmp_path, peer=[{"name": "archive", "port": 104}]), io.StringIO()
+    config.data.mkdir()
+    sender = Sender(config, config.peer[0], Log(told))
+    sender.start()
+    try:
+        until(lambda: len(opened) == 2)
+    finally:
+        sender.stop()
+    assert "database is locked" in told.getvalue()
 
 
 @contextmanager

@@ -140,6 +140,19 @@ def test_a_disk_that_fills_at_any_step_is_told_and_the_node_lives_on(
     assert len(node.files()) == 1
 
 
+def test_a_disk_that_lets_nothing_be_removed_is_told_and_the_node_lives_on(
+    node: Listening, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The thread that keeps instances ended, and all that came was refused until the node began anew."""
+    path = instance(tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(store_module, "replace", full)
+        patch.setattr(Path, "unlink", full)
+        assert "OutOfResources" in send(node.port, path)
+    assert "Success" in send(node.port, path)
+    assert len(node.files()) == 1
+
+
 def test_what_comes_when_the_node_ends_is_left_to_its_sender(node: Listening, tmp_path: Path) -> None:
     node.receiver._store.stop()
     assert "OutOfResources" in send(node.port, instance(tmp_path))
