@@ -20,6 +20,7 @@ from ronnaplan.tracking.recording import Recording, require_one_system
 from ronnaplan.transforms import invert
 
 if TYPE_CHECKING:
+    from ronnaplan.documents.registration import RegistrationDocument
     from ronnaplan.documents.tool import PivotDocument
 
 MOMENT_S = 0.1
@@ -92,17 +93,19 @@ class Following:
     @property
     def ct_from_ots(self) -> FloatArray | None:
         """Where the tracker's frame lies in the scan (4, 4), None unless a registration of its markers says so."""
-        found = self.case.registration
+        return self._placed_by(self.case.registration)
+
+    def _placed_by(self, found: RegistrationDocument | None) -> FloatArray | None:
         if found is None or found.ots_from_ct is None or self.case.outdated:
             return None
         return invert(np.array(found.ots_from_ct))
 
     def _required(self) -> FloatArray:
-        pose = self.ct_from_ots
-        if pose is None:
+        found = self.case.registration  # which a page may take away meanwhile
+        pose = self._placed_by(found)
+        if found is None or pose is None:
             raise UsageError("tools are shown in the scan once its markers are registered with the tracker")
-        assert self.case.registration is not None
-        self.case.registration.require_tracker()
+        found.require_tracker()
         return pose
 
     def _follow(

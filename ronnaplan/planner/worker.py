@@ -43,7 +43,7 @@ Start = Callable[[Job], None]
 
 
 class Worker:
-    """Does one job at a time."""
+    """Does one job at a time, until it is cancelled."""
 
     def __init__(self) -> None:
         self._process: subprocess.Popen[bytes] | None = None
@@ -61,13 +61,14 @@ class Worker:
         """
         if self._process is not None:
             raise UsageError("something else is being worked on; wait for it or cancel it first")
-        self._cancelled = False
         process = self._process = subprocess.Popen(
             [sys.executable, "-m", "ronnaplan.planner.worker"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=environment(),
         )
+        if self._cancelled:  # before it was there to be ended
+            process.kill()
         try:
             with process:
                 assert process.stdin is not None
@@ -88,10 +89,10 @@ class Worker:
         return answer
 
     def cancel(self) -> None:
-        """End the job that is under way, if there is one."""
-        if self._process is not None:
-            self._cancelled = True
-            self._process.kill()
+        """End the job that is under way, or the next one, as this one may be about to begin."""
+        self._cancelled = True
+        if (process := self._process) is not None:
+            process.kill()
 
 
 def main() -> None:

@@ -49,7 +49,7 @@ class Working:
     def start(self, job: Job) -> None:
         """Set a job going; raises `BusyError` while another one is under way."""
         self.require_idle()
-        self._share = 0.0
+        self._worker, self._share = Worker(), 0.0
         self._tell({**IDLE, "what": job.what})
         self._task = asyncio.get_running_loop().create_task(self._work(job))
 

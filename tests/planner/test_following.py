@@ -134,6 +134,21 @@ def test_a_tool_that_is_hidden_is_shown_no_longer_while_others_are(
     assert seen[2] == shown
 
 
+def test_a_registration_that_is_taken_away_as_it_is_looked_at_ends_no_thread_without_a_word(
+    state: PlannerState,
+) -> None:
+    """The tools stayed where they had been seen last."""
+    found = iter([state.case.registration])
+
+    class Case:
+        registration, outdated = property(lambda _: next(found, None)), False
+
+    state.following.case = Case()  # type: ignore[assignment]
+    assert state.following._required().shape == (4, 4)
+    with pytest.raises(UsageError, match="once its markers are registered"):
+        state.following._required()
+
+
 def test_a_stream_that_ends_is_told_and_one_without_a_registration_not_begun(
     state: PlannerState, storage: Storage
 ) -> None:

@@ -82,6 +82,15 @@ def test_work_is_cancelled_at_once_and_nothing_else_is_begun_meanwhile() -> None
     assert [type(one) for one in ended] == [CancelledError]
 
 
+def test_work_that_is_cancelled_before_its_process_is_there_is_not_done() -> None:
+    """It was done all the same: who cancelled it at once was not heard."""
+    worker = Worker()
+    worker.cancel()
+    with pytest.raises(CancelledError, match="cancelled: working"):
+        worker.answer(job(partial(time.sleep, 60)), ignore)
+    assert not worker.busy
+
+
 def test_arrays_go_to_the_other_process_as_they_are() -> None:
     stream = io.BytesIO()
     values = np.arange(7000, dtype=np.int16).reshape(70, 100)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import operator
+import time
 from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Any
@@ -69,3 +70,20 @@ def test_an_answer_that_waits_is_given_up_by_cancel() -> None:
     run(disk.work(give_up=True))
     assert [type(one) for one in disk.errors] == [CancelledError]
     assert (disk.kept, disk.done) == ([], "")
+
+
+def test_a_job_that_is_cancelled_at_once_is_ended_and_the_next_one_is_done() -> None:
+    disk = Disk(0)
+
+    async def work() -> None:
+        does = working.Working(disk.tell, disk.answering, lambda: None)
+        for seconds in (60, 0):
+            does.start(Job("waiting", partial(time.sleep, seconds), disk.keep))
+            if seconds:
+                does.cancel()
+            while not does.is_idle():
+                await asyncio.sleep(0.05)
+
+    run(work())
+    assert [type(one) for one in disk.errors] == [CancelledError]
+    assert disk.kept == [None]
