@@ -33,9 +33,11 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.node.logs import Log
 
     stop = threading.Event()
-    signal.signal(signal.SIGTERM, lambda *_: stop.set())
+    # Ctrl-C, too: raised amid a pass it would end that where it is
+    heeded = {one: signal.signal(one, lambda *_: stop.set()) for one in (signal.SIGINT, signal.SIGTERM)}
     try:
         run_node(path, stop, Log())
-    except KeyboardInterrupt:
-        stop.set()
+    finally:
+        for one, handler in heeded.items():
+            signal.signal(one, handler)
     return 0

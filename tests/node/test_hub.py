@@ -57,6 +57,21 @@ def test_a_node_receives_through_its_receiver_s_death_and_ends_whole(tmp_path: P
         assert index.rows("SELECT instances, revision, complete FROM series") == [(2, 2, 2)]
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="a process is sent no signals there")
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_a_node_is_stopped_by_ctrl_c_as_by_a_signal_and_says_so(tmp_path: Path, how: int) -> None:
+    config = write_toml(tmp_path, free_port())
+    with subprocess.Popen(
+        [sys.executable, "-m", "ronnaplan", "node", "--config", str(config)], stderr=subprocess.PIPE, text=True
+    ) as node:
+        assert node.stderr is not None
+        until(lambda: "listening" in node.stderr.readline())  # type: ignore[union-attr]
+        node.send_signal(how)
+        said = node.stderr.read()
+    assert [json.loads(line)["event"] for line in said.splitlines()] == ["stopped"]
+    assert node.returncode == 0
+
+
 def test_a_template_that_is_not_there_and_a_rule_never_reached_are_told_at_the_start(tmp_path: Path) -> None:
     path = tmp_path / "node.toml"
     path.write_text(
