@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -15,8 +16,10 @@ from ronnaplan.ct.header import EXPLICIT_LITTLE, IMPLICIT_LITTLE
 from ronnaplan.errors import InputError
 from ronnaplan.node.config import Config, Peer
 from ronnaplan.node.tls import Context, context
-from ronnaplan.node.transport import LARGEST_PDU, end_at_fault, set_up_pynetdicom
+from ronnaplan.node.transport import LARGEST_PDU, end_at_fault, give_up_waiting, set_up_pynetdicom
 
+LOOK_S = 0.001
+"""So often it is looked whether a thread has come to where it waits."""
 SYNTAXES = (EXPLICIT_LITTLE, IMPLICIT_LITTLE)
 
 
@@ -56,7 +59,7 @@ def associated(
     try:
         if not association.is_established:
             raise InputError(f"{named} {_why_not(association, own)}")
-        Checkpoint().guard(association)
+        Checkpoint(association).guard()
         yield association
     except KeyboardInterrupt:  # the peer may be amid a long answer
         association.abort()
@@ -107,17 +110,18 @@ class Checkpoint(threading.Event):
     who pauses the thread waits for what is served.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, association: Association) -> None:
         super().__init__()
+        self._association = association
         self.serving, self._passing = threading.Lock(), threading.Lock()
         self.is_reached = False
         """Whether the thread has come here and was not let pass yet."""
         self.set()
 
-    def guard(self, association: Association) -> None:
-        """Take the place of an association's checkpoint."""
-        association._reactor_checkpoint = self
-        association.__class__ = _Guarded
+    def guard(self) -> None:
+        """Take the place of the association's checkpoint."""
+        self._association._reactor_checkpoint = self
+        self._association.__class__ = _Guarded
 
     def wait(self, timeout: float | None = None) -> bool:
         """Wait until the thread may pass; it is no longer paused before another can ask it to be."""
@@ -130,9 +134,17 @@ class Checkpoint(threading.Event):
                     return True
 
     def clear(self) -> None:
-        """Let the thread pass no more, once what the peer reported is answered."""
+        """Let the thread pass no more; return when it is here or has ended, and what the peer reported is answered.
+
+        Who pauses it waits for an answer then, of which there is none where the thread has seen the association end.
+        """
         with self.serving, self._passing:
             super().clear()
+        while self._association.is_alive() and not self.is_reached:
+            time.sleep(LOOK_S)
+        if not self._association.is_alive():
+            self._association.dimse.msg_queue.put((None, None))
+            give_up_waiting(self._association)
 
 
 class _Guarded(Association):

@@ -39,7 +39,7 @@ _BEYOND = 4096
 
 
 def give_up_waiting(association: Association) -> None:
-    """Free the place of a connection that ended before it became an association: its thread waits for a request."""
+    """Have who waits for what a peer asks or answers beside messages wait no more, as where its connection is gone."""
     requests: Any = association.dul.to_user_queue  # typed for requests only
     requests.put(None)  # what a wait that ended in vain returns
 

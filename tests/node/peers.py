@@ -34,6 +34,8 @@ from ronnaplan.untrusted import checked
 from tests.ct import makers
 
 SENDER: dict[str, Any] = {"name": "scanner", "title": "CT1", "host": "127.0.0.1", "sends": True}
+ODD_ABORT = b"\x07\0\0\0\0\x04\0\0\xff\0"
+"""An A-ABORT of a source that is none (PS3.8, 9.3.8)."""
 _ELSEWHERE = os.pathsep.join(
     part for part in os.environ["PATH"].split(os.pathsep) if Path(part) != Path(sys.executable).parent
 )
@@ -68,7 +70,7 @@ def write_toml(home: Path, port: int, rest: str = "", *, quiet_s: float = 0.5, s
 def associate(entity: AE, port: int, **more: Any) -> Association:
     """Ask the node at ``port`` of this machine for an association, on which no answer is lost."""
     association = entity.associate("127.0.0.1", port, ae_title="RONNAPLAN", **more)
-    Checkpoint().guard(association)
+    Checkpoint(association).guard()
     return association
 
 

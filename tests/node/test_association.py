@@ -3,25 +3,17 @@
 from __future__ import annotations
 
 import socket
-import struct
-import time
-from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from threading import Event, Thread
 
 import numpy as np
-import pytest
 from pydicom.uid import CTImageStorage
-from pynetdicom import AE, evt
+from pynetdicom import AE
 
-from ronnaplan.errors import InputError
-from ronnaplan.node.archives import FIND, GET, open_archive
-from ronnaplan.node.association import associated
-from ronnaplan.node.config import Config, Limits, Peer
 from tests.ct import makers
 from tests.long import few_and_others
 from tests.node.peers import (
+    ODD_ABORT,
     Listening,
     associate,
     association_request,
@@ -81,67 +73,6 @@ def test_a_peer_that_hangs_is_cut_off_and_others_are_served(begun: bytes, tmp_pa
         until(lambda: [one for one in node.events("cut off") if one["reason"] == "no association was asked for"])
 
 
-def test_who_pauses_an_association_is_told_so_whatever_is_said_meanwhile(node: Listening) -> None:
-    """pynetdicom serves a report in a third thread, which said that the association runs: all waited for ever."""
-    entity = AE("CT1")
-    entity.add_requested_context(CTImageStorage)
-    association = associate(entity, node.port)
-    held = association._reactor_checkpoint
-    for paused in (True, False, True):
-        if paused:
-            held.clear()
-        else:
-            held.set()
-        until(lambda paused=paused: association._is_paused == paused)  # type: ignore[misc]
-        association._is_paused = not paused
-        until(lambda paused=paused: association._is_paused == paused)  # type: ignore[misc]
-    held.set()
-    association.release()
-    assert association.is_released
-
-
-@pytest.mark.parametrize(
-    ("answered", "passed_on"), [(0, 9999), (1, 9999), (9999, 1)], ids=["accepting", "answering", "reading"]
-)
-def test_a_receiver_that_falls_silent_amid_a_message_is_not_waited_for(answered: int, passed_on: int) -> None:
-    """Nothing more was delivered to it until the node began anew."""
-    entity, over = AE("PACS"), Event()
-    entity.add_supported_context(CTImageStorage)
-    archive = entity.start_server(("127.0.0.1", 0), block=False, evt_handlers=[(evt.EVT_C_STORE, lambda _: 0)])
-    assert archive is not None
-
-    def pass_on(messages: int, by: socket.socket, to: socket.socket) -> None:
-        with suppress(OSError, struct.error):
-            for _ in range(messages):
-                head = by.recv(6, socket.MSG_WAITALL)
-                (length,) = struct.unpack(">2xL", head)
-                to.sendall(head + by.recv(length, socket.MSG_WAITALL))
-            to.sendall(by.recv(3))
-        over.wait()
-
-    def stand_between() -> None:
-        with server.accept()[0] as near, socket.create_connection(archive.server_address[:2]) as far:
-            back = Thread(target=pass_on, args=(answered, far, near))
-            back.start()
-            pass_on(passed_on, near, far)
-            far.shutdown(socket.SHUT_RDWR)
-            back.join()
-
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        between = Thread(target=stand_between)
-        between.start()
-        peer = Peer(name="pacs", title="PACS", port=server.getsockname()[1])
-        made = makers.dataset(0, stored=np.zeros((3000, 3000), np.int16))
-        with (
-            suppress(InputError),  # where it never says that it accepts
-            associated(Config(limits=Limits(silent_s=1.0)), peer, [CTImageStorage]) as association,
-        ):
-            assert "Status" not in association.send_c_store(made)
-        over.set()
-        between.join()
-        archive.shutdown()
-
-
 def test_a_peer_that_falls_silent_is_cut_off(tmp_path: Path) -> None:
     with listening(tmp_path, limits={"silent_s": 2.0, "least_free_mib": 1}) as node:
         entity = AE("CT1")
@@ -177,10 +108,6 @@ def test_a_message_begun_and_never_ended_leaves_nothing(tmp_path: Path) -> None:
         assert node.files() == []
 
 
-ODD_ABORT = b"\x07\0\0\0\0\x04\0\0\xff\0"
-"""An A-ABORT of a source that is none (PS3.8, 9.3.8)."""
-
-
 def test_a_peer_that_breaks_the_protocol_in_an_odd_way_leaves_nothing_open_and_what_it_sent_is_told(
     tmp_path: Path,
 ) -> None:
@@ -196,50 +123,6 @@ def test_a_peer_that_breaks_the_protocol_in_an_odd_way_leaves_nothing_open_and_w
         until(lambda: not node.receiver._server.active_associations)  # type: ignore[union-attr]
         assert not node.receiver._moved
         until(lambda: association.is_aborted)
-
-
-def test_an_archive_that_breaks_the_protocol_in_an_odd_way_is_told() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-
-        def answer() -> None:
-            with server.accept()[0] as peer:
-                peer.recv(1 << 16)
-                peer.sendall(ODD_ABORT)
-
-        thread = Thread(target=answer)
-        thread.start()
-        archive = Peer(name="pacs", port=server.getsockname()[1])
-        with (
-            pytest.raises(InputError, match=r"pacs .* cannot be reached, or speaks no DICOM; check its address"),
-            associated(Config(), archive, [CTImageStorage]),
-        ):
-            pass
-        thread.join()
-
-
-def test_an_archive_that_breaks_the_protocol_while_it_answers_is_not_waited_for() -> None:
-    def breaks(event: evt.Event) -> Iterator[tuple[int, None]]:
-        event.assoc.dul.socket.send(ODD_ABORT)  # type: ignore[union-attr]
-        done.wait()
-        yield 0, None
-
-    done, entity = Event(), AE("PACS")
-    for uid in (FIND, GET):
-        entity.add_supported_context(uid)
-    server = entity.start_server(("127.0.0.1", 0), block=False, evt_handlers=[(evt.EVT_C_FIND, breaks)])
-    assert server is not None
-    archive = Peer(name="pacs", title="PACS", port=server.server_address[1])
-    begun = time.monotonic()
-    try:
-        with (
-            pytest.raises(InputError, match="pacs answered nothing more"),
-            open_archive(Config(), archive) as opened,
-        ):
-            opened.find("STUDY", {"StudyInstanceUID": "", "PatientID": "P-1"})
-    finally:
-        done.set()
-        server.shutdown()
-    assert time.monotonic() - begun < Limits().silent_s / 2
 
 
 def test_a_message_larger_than_agreed_is_cut_off(tmp_path: Path) -> None:

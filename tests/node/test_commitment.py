@@ -121,7 +121,7 @@ def test_a_receiver_may_report_on_the_association_on_which_it_was_asked(
         told.TransactionUID = asked.TransactionUID
         setattr(told, "ReferencedSOPSequence" if keeps else "FailedSOPSequence", asked.ReferencedSOPSequence)
         kind = ALL_KEPT if keeps else NOT_ALL_KEPT
-        Checkpoint().guard(association)
+        Checkpoint(association).guard()
         answered.append(association.send_n_event_report(told, kind, COMMITMENT, WELL_KNOWN)[0].Status)
 
     def promise(event: evt.Event) -> tuple[int, None]:
