@@ -7,7 +7,7 @@ import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ronnaplan.cli.output import tell
+from ronnaplan.cli.output import ended_gently, tell
 from ronnaplan.cli.values import whole
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--again", action="store_true", help="try once more what was set aside")
 
 
+@ended_gently()
 def run(arguments: argparse.Namespace) -> int:
     """Run the cohort, or write example rules."""
     from ronnaplan.errors import UsageError

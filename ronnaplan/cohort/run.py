@@ -6,6 +6,7 @@ import logging
 import math
 import os
 import signal
+import tempfile
 import threading
 import time
 import warnings
@@ -106,7 +107,8 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
             distributed.utils.get_ip()  # a machine without a network would be warned of it
         with (
             _interrupted_once(),
-            dask.config.set(QUIET),
+            tempfile.TemporaryDirectory(prefix="ronnaplan-", ignore_cleanup_errors=True) as scratch,
+            dask.config.set({**QUIET, "temporary-directory": scratch}),  # it leaves a folder behind in any other
             distributed.LocalCluster(
                 n_workers=1,
                 threads_per_worker=count,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -102,3 +103,12 @@ def test_the_cluster_of_this_process_takes_no_samples_of_itself_and_is_none_of_t
         assert worker.periodic_callbacks["tick"].callback_time == 1000.0
         for name in ("distributed.worker", "tornado.application"):  # what its end, or Ctrl-C, interrupts
             assert not logging.getLogger(name).isEnabledFor(logging.ERROR)
+
+
+def test_a_run_on_this_machine_leaves_no_folder_of_dask_s(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
+    with run.connected(None, 1):
+        assert list(temporary.iterdir())
+    assert not list(temporary.iterdir())
