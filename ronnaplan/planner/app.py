@@ -202,6 +202,7 @@ class PlannerApp:
         """Let the case go: trame keeps its server, and with that this, for as long as the process lasts."""
         if self._workshop is not None:
             self._workshop.end()  # which holds the scan, and may not be done
+        self.working.cancel()  # the program would wait for it
         self._ahead.shutdown()
         self.state.following.stop()
         self.tabs.clear()

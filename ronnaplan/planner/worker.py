@@ -12,6 +12,7 @@ from typing import Any
 
 from ronnaplan.errors import RonnaplanError, UsageError
 from ronnaplan.pipes import environment, receive, send
+from ronnaplan.portable import OWN_GROUP
 
 Told = Callable[[float], None]
 """Is told which share of the work is done, 0 to 1."""
@@ -66,6 +67,7 @@ class Worker:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=environment(),
+            **OWN_GROUP,
         )
         if self._cancelled:  # before it was there to be ended
             process.kill()

@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from tests import cases
 from tests.planner.browser import environment
 
@@ -92,4 +94,36 @@ def test_a_case_that_was_left_is_forgotten(tmp_path: Path) -> None:
     command = [sys.executable, "-c", LEFT, str(cases.CT), str(tmp_path / "plan.json")]
     ran = subprocess.run(command, capture_output=True, text=True, env=environment(), check=False)
     assert (ran.returncode, ran.stdout.strip()) == (0, "0"), ran.stderr
+    assert "Traceback" not in ran.stderr
+
+
+WORKING = """
+import asyncio, os, signal, sys, threading, time
+from functools import partial
+from ronnaplan.planner import app
+from ronnaplan.planner.server import serve
+from ronnaplan.planner.state import PlannerState
+from ronnaplan.planner.storage import Storage
+from ronnaplan.planner.worker import Job
+from tests import cases
+
+watch = app.PlannerApp._watch
+
+async def watch_and_work(self, **ready):
+    self.working.start(Job("waiting", partial(time.sleep, 300), print))
+    threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGTERM)).start()
+    await watch(self, **ready)
+
+app.PlannerApp._watch = watch_and_work
+serve(PlannerState(cases.volume(), Storage.of(sys.argv[1], None, None)), announce=print)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a process is sent no signals there")
+def test_a_planner_that_is_stopped_waits_for_no_work(tmp_path: Path) -> None:
+    """It was there until a registration, or a search for markers, was done."""
+    cases.write_case(tmp_path)
+    command = [sys.executable, "-c", WORKING, str(tmp_path / "plan.json")]
+    ran = subprocess.run(command, capture_output=True, text=True, env=environment(), check=False, timeout=200)
+    assert ran.returncode == 0, ran.stderr
     assert "Traceback" not in ran.stderr
