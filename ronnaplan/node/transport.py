@@ -11,9 +11,10 @@ import weakref
 from collections.abc import Callable
 from contextlib import suppress
 from socketserver import BaseServer
+from types import SimpleNamespace
 from typing import Any
 
-from pynetdicom import _config, evt
+from pynetdicom import _config, evt, timer
 from pynetdicom.ae import ApplicationEntity
 from pynetdicom.association import Association
 from pynetdicom.events import EventHandlerType
@@ -53,7 +54,11 @@ def titles(association: Association) -> tuple[str, str]:
 
 
 def set_up_pynetdicom() -> None:
-    """Keep pynetdicom from messages of its own, which hold what peers send, and from loading whole what it sends."""
+    """Keep pynetdicom from messages of its own, which hold what peers send, and from loading whole what it sends.
+
+    And have it tell how long a peer is silent by a clock that nobody sets.
+    """
+    timer.time = SimpleNamespace(time=time.monotonic)  # type: ignore[attr-defined, assignment]
     _config.LOG_HANDLER_LEVEL = "none"
     _config.STORE_SEND_CHUNKED_DATASET = True
     logger = logging.getLogger("pynetdicom")

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import socket
+import time
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import numpy as np
+import pytest
 from pydicom.uid import CTImageStorage
 from pynetdicom import AE
 
+from ronnaplan.node.waking import LONGEST_SLEEP_S
 from tests.ct import makers
 from tests.long import few_and_others
 from tests.node.peers import (
@@ -174,3 +177,16 @@ def test_who_is_connected_when_the_node_ends_is_parted_from_and_what_came_is_tol
     assert not node.receiver._server.active_associations  # type: ignore[union-attr]
     assert [one["instances"] for one in node.events("received")] == [1]
     until(lambda: association.is_aborted)
+
+
+def test_a_clock_that_is_set_ahead_cuts_off_nobody(node: Listening, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All that were connected had been silent for too long then."""
+    entity = AE("CT1")
+    entity.add_requested_context(CTImageStorage)
+    association, clock = associate(entity, node.port), time.time
+    assert association.send_c_store(makers.dataset(0)).Status == 0
+    monkeypatch.setattr(time, "time", lambda: clock() + 3600.0)
+    time.sleep(2 * LONGEST_SLEEP_S)  # whoever looks has looked
+    assert association.send_c_store(makers.dataset(1)).Status == 0
+    assert not node.events("cut off")
+    association.release()
