@@ -19,6 +19,7 @@ from pynetdicom.dimse import DIMSEServiceProvider
 from pynetdicom.dimse_primitives import N_EVENT_REPORT
 
 from ronnaplan.errors import InputError
+from ronnaplan.node import channels
 from ronnaplan.node.association import Checkpoint
 from ronnaplan.node.channels import CLASSES
 from ronnaplan.node.commitment import (
@@ -115,6 +116,7 @@ def test_a_receiver_may_report_on_the_association_on_which_it_was_asked(
         send_msg(provider, message, context_id)
 
     monkeypatch.setattr(DIMSEServiceProvider, "send_msg", answer_slowly)
+    monkeypatch.setattr(channels, "REPORT_S", 60.0)  # as long as a crowded machine takes
 
     def report(association: Association, asked: Dataset) -> None:
         told = Dataset()
