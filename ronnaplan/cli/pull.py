@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from ronnaplan.cli.output import tell
+from ronnaplan.cli.output import ended_gently, tell
 from ronnaplan.cli.peers import PEER, peer_of, with_config
 from ronnaplan.cli.values import whole
 from ronnaplan.text import counted
@@ -42,6 +42,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
 
 
+@ended_gently()
 def run(arguments: argparse.Namespace) -> int:
     """Fetch what is asked for."""
     import tempfile

@@ -11,6 +11,7 @@ from threading import Event, Thread
 
 import numpy as np
 import pytest
+from pydicom.dataset import Dataset
 from pydicom.uid import CTImageStorage
 from pynetdicom import AE, evt
 
@@ -136,6 +137,30 @@ def test_an_archive_that_breaks_the_protocol_while_it_answers_is_not_waited_for(
             open_archive(Config(), archive) as opened,
         ):
             opened.find("STUDY", {"StudyInstanceUID": "", "PatientID": "P-1"})
+    finally:
+        done.set()
+        server.shutdown()
+    assert time.monotonic() - begun < Limits().silent_s / 2
+
+
+def test_who_is_interrupted_does_not_wait_for_an_archive_that_is_busy() -> None:
+    def be_busy(_: evt.Event) -> Iterator[tuple[int, None]]:
+        asked.set()
+        done.wait()
+        yield 0, None
+
+    asked, done, entity = Event(), Event(), AE("PACS")
+    entity.add_supported_context(FIND)
+    server = entity.start_server(("127.0.0.1", 0), block=False, evt_handlers=[(evt.EVT_C_FIND, be_busy)])
+    assert server is not None
+    archive = Peer(name="pacs", title="PACS", port=server.server_address[1])
+    wanted, begun = Dataset(), time.monotonic()
+    wanted.QueryRetrieveLevel, wanted.PatientID = "STUDY", "P-1"
+    try:
+        with suppress(KeyboardInterrupt), associated(Config(), archive, [FIND]) as association:
+            association.send_c_find(wanted, FIND)
+            assert asked.wait(60)
+            raise KeyboardInterrupt
     finally:
         done.set()
         server.shutdown()

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import io
+import os
+import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -18,6 +21,7 @@ from pydicom.dataset import Dataset
 from pydicom.uid import Comprehensive3DSRStorage, SecondaryCaptureImageStorage, XRayRadiationDoseSRStorage
 
 from ronnaplan.cli import main
+from ronnaplan.cli import pull as pull_verb
 from ronnaplan.ct import read_ct
 from ronnaplan.errors import InputError, UnwrittenError, UsageError
 from ronnaplan.node import arrivals
@@ -212,3 +216,20 @@ def test_a_date_that_is_none_and_days_that_run_backwards_are_wrong_usage(date: s
     with pytest.raises(UsageError, match="expected YYYYMMDD, or two with a - between, the earlier first"):
         pull(Config(), peer_at("A@127.0.0.1:1", Config()), Wanted(date=date), tmp_path)
     assert Wanted(date="20240229-20240301").keys == {"StudyDate": "20240229-20240301"}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a process is sent no signals there")
+def test_one_that_is_ended_leaves_no_scan_among_the_temporary_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fetch(_: object, folder: str) -> int:
+        Path(folder, "0.dcm").touch()
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(60)
+        return 1
+
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(f"{pull_verb.__name__}._fetch", fetch)
+    given = ["pull", "--from", "PACS@127.0.0.1:104", "--study", "1.2", "--localize", "--diameter", "5"]
+    assert main(given) == 130
+    assert not list(tmp_path.iterdir())
