@@ -22,6 +22,10 @@ from ronnaplan.node.config import Config, Limits, Peer
 from tests.ct import makers
 from tests.node.peers import ODD_ABORT, Listening, associate, until
 
+pytestmark = pytest.mark.filterwarnings(
+    "ignore::pytest.PytestUnraisableExceptionWarning"
+)  # pynetdicom leaves sockets unclosed where the other side was quicker
+
 
 def test_who_pauses_an_association_is_told_so_whatever_is_said_meanwhile(node: Listening) -> None:
     """pynetdicom serves a report in a third thread, which said that the association runs: all waited for ever."""
