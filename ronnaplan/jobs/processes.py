@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable, Mapping
 
 from ronnaplan.pipes import environment
-from ronnaplan.portable import OWN_GROUP
+from ronnaplan.portable import OWN_GROUP, kill_group
 
 END_S = 10.0
 """How long a child may take to finish what it holds when its parent stops."""
@@ -59,8 +59,8 @@ class Child:
                 self._process.stdin.flush()
 
     def kill(self) -> None:
-        """End it at once."""
-        self._process.kill()
+        """End it at once, and what it began, such as a browser that prints for it."""
+        kill_group(self._process)
 
     def end(self) -> None:
         """Let it finish, at most `END_S`."""
@@ -70,7 +70,7 @@ class Child:
         try:
             self._process.wait(END_S)
         except subprocess.TimeoutExpired:
-            self._process.kill()
+            self.kill()
         self._reader.join()
         if self._process.stdout is not None:
             self._process.stdout.close()
