@@ -21,7 +21,7 @@ from ronnaplan.localization.fit.algebra import inverse
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.model import METAL_CONTRAST_HU, has_layer
 from ronnaplan.localization.fit.parameters import CENTER, CONTRAST, RADIUS, WIDTH
-from ronnaplan.localization.judge.held import directions_touched, metal_beyond
+from ronnaplan.localization.judge.held import directions_touched, is_metal_beyond, metal_beyond
 from ronnaplan.localization.judge.part import HALF_A_BALL, fit_by_part, is_plain
 from ronnaplan.localization.judge.uncertainty import ADAPTED_SLICES, WEIGHTS, by_slices
 
@@ -109,7 +109,7 @@ def is_beside_metal(volume: CTVolume, fit: BallFit) -> bool:
     turns = np.linspace(0.0, 2.0 * np.pi, AROUND, endpoint=False)
     within = np.delete(fit.neighbourhood.axes, _across(fit), axis=0)
     around = np.stack([np.cos(turns), np.sin(turns)], axis=-1) @ within
-    return bool(metal_beyond(volume, fit, around)[1].any())
+    return is_metal_beyond(volume, fit, around)
 
 
 def _farther_mm(fit: BallFit, off_mm: FloatArray, clear_mm: FloatArray) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,8 +51,7 @@ def metal_beyond(volume: CTVolume, fit: BallFit, directions: FloatArray) -> tupl
 
     What lies nearer is the ball, or its blur. Where the scale ends below metal, what reaches its end may be metal.
     """
-    clear_mm = float(fit.theta[RADIUS]) + margin_mm(float(fit.theta[WIDTH]), fit.sigma_mm)
-    axes, least_hu = volume.grid.axes, min(METAL_HU, fit.ceiling_hu)
+    clear_mm, axes, least_hu = _clear_mm(fit), volume.grid.axes, min(METAL_HU, fit.ceiling_hu)
     along = clear_mm + np.arange(0.0, SCREW_REACH_MM, SCREW_STEP_MM)
     beside = SCREW_MM * np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=3)))
     towards, beside = (np.ascontiguousarray(some @ axes.T) for some in (directions, beside))
@@ -59,6 +59,31 @@ def metal_beyond(volume: CTVolume, fit: BallFit, directions: FloatArray) -> tupl
         axes @ fit.center_mm, towards, along, beside, clear_mm, least_hu, *lookup_of(volume)
     )
     return places @ axes, of_metal
+
+
+def is_metal_beyond(volume: CTVolume, fit: BallFit, directions: FloatArray) -> bool:
+    """Whether `metal_beyond` finds any in ``directions`` (N, 3) that lie in few slices.
+
+    Most often there is none in all of these slices' rows, which takes a tenth of the time to tell.
+    """
+    grid = volume.grid
+    farthest_mm = (_clear_mm(fit) + SCREW_REACH_MM) * directions @ grid.axes[1:].T
+    beside_mm = SCREW_MM + np.array([grid.row_spacing_mm, float(grid.spacings_mm.max())])
+    low_mm, high_mm = farthest_mm.min(axis=0) - beside_mm, farthest_mm.max(axis=0) + beside_mm
+    first, end = np.searchsorted(grid.slice_positions_mm - fit.center_mm @ grid.normal, [low_mm[1], high_mm[1]])
+    if first == end:
+        return False
+    tops_mm = (grid.origins_mm[first:end] - fit.center_mm) @ grid.axes[1]
+    above = math.floor((low_mm[0] - tops_mm.max()) / grid.row_spacing_mm)
+    below = math.ceil((high_mm[0] - tops_mm.min()) / grid.row_spacing_mm)
+    rows_hu = volume.voxels_hu[first:end, max(above, 0) : max(below, 0)]
+    is_metal_there = rows_hu.size > 0 and rows_hu.max() >= min(METAL_HU, fit.ceiling_hu)
+    return bool(is_metal_there and metal_beyond(volume, fit, directions)[1].any())
+
+
+def _clear_mm(fit: BallFit) -> float:
+    """How far from a ball's center nothing is the ball, or its blur."""
+    return float(fit.theta[RADIUS]) + margin_mm(float(fit.theta[WIDTH]), fit.sigma_mm)
 
 
 @njit(cache=True, nogil=True)

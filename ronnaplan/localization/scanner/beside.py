@@ -57,7 +57,8 @@ def all_beside(volume: CTVolume, fit: BallFit) -> Beside:
     losses = np.zeros((len(numbers), VIEWS, len(places_mm)))
     for n, number in enumerate(numbers):
         corner_mm = grid.axes[:2] @ (grid.origins_mm[number] - fit.center_mm)
-        _sum_up(volume.voxels_hu[number], corner_mm, steps_mm, air_hu, padding_hu, clear_mm, places_mm, losses[n])
+        picture_hu = volume.voxels_hu[number].copy()  # rays run across its rows: they would wait for the memory
+        _sum_up(picture_hu, corner_mm, steps_mm, air_hu, padding_hu, clear_mm, places_mm, losses[n])
     return Beside(above_mm[numbers], places_mm, losses)
 
 

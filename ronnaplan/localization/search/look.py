@@ -47,13 +47,17 @@ def surface_shares(
     outer_mm = (radius_mm + max(build.layer_mm, 0.0) + MARGIN_SHARE * margin_mm(0.0)) * directions
     per_thickness = MARGIN_SHARE * (margin_mm(1.0) - margin_mm(0.0)) * np.abs(directions[:, 2:]) * directions
     places_mm = np.ascontiguousarray(centers_mm @ volume.grid.axes.T)
-    lookup = lookup_of(volume)
+    # Places that share slices one after another: the strongest first would wait for the memory.
+    upwards, lookup = np.argsort(places_mm[:, 2], kind="stable"), lookup_of(volume)
+    places_mm, thickness_mm = places_mm[upwards], thickness_mm[upwards]
 
     def fallen(first: int, end: int) -> FloatArray:
         some = slice(first, end)
         return _fallen(places_mm[some], thickness_mm[some], inner_mm, outer_mm, per_thickness, least, *lookup)
 
-    return np.concatenate(in_parts(fallen, len(places_mm)))
+    shares = np.empty(len(places_mm))
+    shares[upwards] = np.concatenate(in_parts(fallen, len(places_mm)))
+    return shares
 
 
 @njit(cache=True, nogil=True)
