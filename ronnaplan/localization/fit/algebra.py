@@ -15,15 +15,15 @@ from ronnaplan.geometry import FloatArray
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "arcp", "nsz"})
-def add_products(told: FloatArray, products: FloatArray) -> None:
-    """Add to ``products`` (P, Q) those of the first P rows of ``told`` (Q, N) with all of its rows."""
+def add_products(told: FloatArray, seen: int, products: FloatArray) -> None:
+    """Add to ``products`` (P, Q) those of the first P rows of ``told`` (Q, N) with all rows, as far as ``seen``."""
     count, size = products.shape
     for p in range(0, count, 2):
         for q in range(p, size, 2):  # two by two: what is loaded counts twice
             r, s = min(p + 1, count - 1), min(q + 1, size - 1)
             one, two, first, second = told[p], told[r], told[q], told[s]
             one_first = one_second = two_first = two_second = 0.0
-            for n in range(len(one)):
+            for n in range(seen):
                 one_first += one[n] * first[n]
                 one_second += one[n] * second[n]
                 two_first += two[n] * first[n]

@@ -10,9 +10,9 @@ import numpy as np
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.fit.algebra import expected_gain, solve
+from ronnaplan.localization.fit.algebra import add_products, expected_gain, solve
 from ronnaplan.localization.fit.ball import Discs, discs
-from ronnaplan.localization.fit.model import BLOCK, add_normal_equations, evaluate
+from ronnaplan.localization.fit.model import BLOCK, fill_model, leave_over
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import (
     BLUR,
@@ -206,14 +206,19 @@ def _equations(
     ceiling: float,
 ) -> tuple[float, FloatArray, FloatArray]:
     """Half the squared residuals of voxels and prior, their gradient (P,) and Gauss-Newton matrix (P, P)."""
-    slope, matrix, cost = weight * (mean - theta), np.diag(weight), 0.0
-    for p in range(len(theta)):
-        cost += 0.5 * slope[p] * (mean[p] - theta[p])
+    count = len(theta)
+    # The last row is what is left over.
+    told, products = np.empty((count + 1, BLOCK)), np.zeros((count + 1, count + 1))
     for first in range(0, len(values), BLOCK):
-        some = slice(first, min(first + BLOCK, len(values)))
-        model, jacobian = evaluate(offsets[some], theta, layer_mm, *looked_up)
-        cost += add_normal_equations(values[some], floors[some], model, jacobian, ceiling, slope, matrix)
-    return cost, slope, matrix
+        end = min(first + BLOCK, len(values))
+        fill_model(offsets[first:end], theta, layer_mm, *looked_up, told[count], told[:count].T)
+        leave_over(values[first:end], floors[first:end], ceiling, told[:count].T, told[count])
+        add_products(told, end - first, products)
+    slope, cost = weight * (mean - theta), 0.5 * products[count, count]
+    for p in range(count):
+        cost += 0.5 * slope[p] * (mean[p] - theta[p])
+        slope[p] += products[count, p]
+    return cost, slope, products[:count, :count] + np.diag(weight)
 
 
 @njit(cache=True, nogil=True)

@@ -16,7 +16,6 @@ import numpy as np
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.fit.algebra import add_products
 from ronnaplan.localization.fit.ball import add_ball
 from ronnaplan.localization.fit.disc import share_below
 from ronnaplan.localization.fit.parameters import (
@@ -27,6 +26,7 @@ from ronnaplan.localization.fit.parameters import (
     LEAST_SPREAD_MM2,
     PARAMETERS,
     RADIUS,
+    SHAPED,
     SKIN_PARAMETERS,
     SLOPE_U,
     SLOPE_V,
@@ -79,7 +79,7 @@ def has_skin(theta: FloatArray) -> bool:
     return (len(theta) - _LAYER_AT) & _SKIN_COUNT != 0
 
 
-@njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "reassoc", "arcp", "nsz"})
+@njit(cache=True, nogil=True)
 def evaluate(
     offsets: FloatArray,
     theta: FloatArray,
@@ -92,9 +92,27 @@ def evaluate(
 
     The second ball of a hollow or wrapped marker is larger by ``layer_mm`` in radius; the last three are `ball.discs`.
     """
+    values, jacobian = np.empty(len(offsets)), np.empty((len(offsets), len(theta)))
+    fill_model(offsets, theta, layer_mm, table, nodes, weights, values, jacobian)
+    return values, jacobian
+
+
+@njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "reassoc", "arcp", "nsz"})
+def fill_model(
+    offsets: FloatArray,
+    theta: FloatArray,
+    layer_mm: float,
+    table: FloatArray,
+    nodes: FloatArray,
+    weights: FloatArray,
+    values: FloatArray,
+    jacobian: FloatArray,
+) -> None:
+    """Fill ``values`` and ``jacobian``, which may have room for more voxels, with what `evaluate` returns."""
     count = len(offsets)
-    values = np.empty(count)
-    jacobian = np.zeros((count, len(theta)))
+    for n in range(count):
+        for p in range(SHAPED):
+            jacobian[n, p] = 0.0
     add_ball(offsets, theta, theta[RADIUS], theta[CONTRAST], table, nodes, weights, values, jacobian)
     for n in range(count):
         du, dv, dw = offsets[n, 0] - theta[U], offsets[n, 1] - theta[V], offsets[n, 2] - theta[W]
@@ -118,7 +136,6 @@ def evaluate(
         _add_streaks(offsets, theta, values, jacobian)
     if has_skin(theta):
         _add_skin(offsets, theta, values, jacobian)
-    return values, jacobian
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -190,29 +207,19 @@ def shown_hu(theta: FloatArray, ceiling: float) -> float:
     return min(float(theta[CONTRAST]), ceiling - float(theta[BACKGROUND]))
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "arcp", "nsz"})
-def add_normal_equations(
-    values: FloatArray,
-    floors: FloatArray,
-    model: FloatArray,
-    jacobian: FloatArray,
-    ceiling: float,
-    slope: FloatArray,
-    matrix: FloatArray,
-) -> float:
-    """Return half the squared residuals of ``values`` (N,); add their gradient (P,) and Gauss-Newton matrix (P, P).
+@njit(cache=True, nogil=True)
+def leave_over(
+    values: FloatArray, floors: FloatArray, ceiling: float, jacobian: FloatArray, left_over: FloatArray
+) -> None:
+    """Turn the model ``left_over`` (N or more,) into what it leaves over of ``values`` (N,).
 
-    Values at or beyond their ``floors`` (N,) and the ``ceiling`` inform only where the model lies within.
+    That and the ``jacobian`` (N or more, P) are zero where values at or beyond their ``floors`` (N,) and the
+    ``ceiling`` agree with a model that lies there, too: they inform only where it lies within.
     """
-    count, size = jacobian.shape
-    told = np.empty((size + 1, count))  # the derivatives, and the residual below them
-    for n in range(count):
-        share = 0.0 if is_beyond_scale(values[n], model[n], floors[n], ceiling) else 1.0
-        told[size, n] = share * (values[n] - model[n])
-        for p in range(size):
-            told[p, n] = share * jacobian[n, p]
-    products = np.zeros((size + 1, size + 1))
-    add_products(told, products)
-    slope += products[size, :size]
-    matrix += products[:size, :size]
-    return 0.5 * float(products[size, size])
+    for n in range(len(values)):
+        if is_beyond_scale(values[n], left_over[n], floors[n], ceiling):
+            left_over[n] = 0.0
+            for p in range(jacobian.shape[1]):
+                jacobian[n, p] = 0.0
+        else:
+            left_over[n] = values[n] - left_over[n]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.ball import Discs, discs
-from ronnaplan.localization.fit.model import evaluate, is_beyond_scale
+from ronnaplan.localization.fit.model import evaluate, leave_over
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import CENTER, PARAMETERS
 
@@ -28,13 +28,9 @@ def _left_over(
     looked_up: Discs,
     ceiling: float,
 ) -> tuple[FloatArray, FloatArray]:
-    model, jacobian = evaluate(offsets, theta, layer_mm, *looked_up)
-    residuals = values - model
-    for n in range(len(values)):
-        if is_beyond_scale(values[n], model[n], floors[n], ceiling):
-            residuals[n] = 0.0
-            jacobian[n] = 0.0
-    return residuals, jacobian
+    left_over, jacobian = evaluate(offsets, theta, layer_mm, *looked_up)
+    leave_over(values, floors, ceiling, jacobian, left_over)
+    return left_over, jacobian
 
 
 def layer_jacobian(around: Neighbourhood, theta: FloatArray, layer_mm: float) -> FloatArray:

@@ -177,7 +177,7 @@ def _products(
                 for p in range(count + size):
                     sums[which, sector, p] += one[p] * residuals[n]
                     told[p, column] = one[p]
-            add_products(told, products[which])
+            add_products(told, len(some), products[which])
     return products, squares, sums
 
 

@@ -12,8 +12,8 @@ from ronnaplan.localization.fit.algebra import add_products, expected_gain, inve
 def test_products_of_rows_are_added(first: int, size: int, count: int) -> None:
     draws = np.random.default_rng(first)
     told, products = draws.normal(size=(size, count)), draws.normal(size=(first, size))
-    expected = products + told[:first] @ told.T
-    add_products(told, products)
+    expected, room = products + told[:first] @ told.T, np.full((size, 3), np.nan)
+    add_products(np.hstack([told, room]), count, products)
     np.testing.assert_allclose(products, expected, atol=1e-11)
 
 
