@@ -68,13 +68,16 @@ def remove_old(folder: Path, index: Index, before: float, log: Log, audit: Audit
 
 
 def remove_unknown_answers(data: Path, folder: Path, index: Index) -> None:
-    """Remove the files in ``folder`` that are no answers: of a worker that was killed, or that came too late."""
+    """Remove what in ``folder`` is no answer: of a worker that was killed, or that came too late."""
     known = {path for (path,) in index.rows("SELECT path FROM answers")}
-    for path in list(folder.rglob("*")):
-        if path.is_file() and path.relative_to(data).as_posix() not in known:
-            path.unlink(missing_ok=True)
+    for path in sorted(folder.rglob("*"), reverse=True):  # what a folder holds before the folder
+        if path.is_dir() and not path.is_symlink():
             with suppress(OSError):  # not empty
-                path.parent.rmdir()
+                path.rmdir()
+        elif path.relative_to(data).as_posix() not in known:
+            path.unlink(missing_ok=True)
+    with suppress(OSError):
+        folder.rmdir()
 
 
 def _files(index: Index, series: int) -> list[str]:

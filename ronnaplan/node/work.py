@@ -154,7 +154,7 @@ def _gather(
             makers["sheet"] = partial(_sheet, partial(draw_sheet, gathered(volume, fiducials)), found)
     if "pdf" in wanted:
         with _left_out(order, "pdf", tell):
-            makers["pdf"] = partial(_report, drafted(Case(volume=volume, fiducials=document)), found)
+            makers["pdf"] = partial(_report, drafted(Case(volume=volume, fiducials=document)), found, order.output)
     return "; ".join([counted(len(fiducials), "marker"), *volume.flags, *warnings]), makers
 
 
@@ -233,13 +233,13 @@ def _sr(found: Markers) -> FileDataset:
     return structured_report(found.document, found.patient, found.images)
 
 
-def _report(page: Callable[[], str], found: Markers) -> FileDataset:
+def _report(page: Callable[[], str], found: Markers, below: Path) -> FileDataset:
     from ronnaplan.documents.dicom_enclosed import encapsulated_pdf
     from ronnaplan.report.pdf import print_pdf
 
-    return encapsulated_pdf(
-        print_pdf(page()), found.document, found.patient, title="Quality report of the markers"
-    )
+    # Below the answers, where what a killed worker leaves is removed: it tells of a patient.
+    printed = print_pdf(page(), below)
+    return encapsulated_pdf(printed, found.document, found.patient, title="Quality report of the markers")
 
 
 def main(memory_mib: str, begun: str = "") -> int:

@@ -39,8 +39,8 @@ def find_browser() -> str | None:
     return next((found for name in BROWSERS if (found := shutil.which(os.path.expandvars(name)))), None)
 
 
-def print_pdf(html: str) -> bytes:
-    """Return the page as PDF.
+def print_pdf(html: str, below: Path | None = None) -> bytes:
+    """Return the page as PDF, made in a folder of its own ``below`` a folder, or the system's for what is temporary.
 
     Raises `UnwrittenError` where the disk has no room to print it, `InputError` where no Chromium is installed or it
     fails otherwise.
@@ -50,7 +50,7 @@ def print_pdf(html: str) -> bytes:
         raise InputError(
             "neither Chromium nor Chrome nor Edge was found to print a PDF; install one, or write .html instead"
         )
-    with tempfile.TemporaryDirectory(prefix="ronnaplan-") as folder:
+    with tempfile.TemporaryDirectory(prefix="ronnaplan-", dir=below) as folder:
         try:
             printed = _printed(browser, html, Path(folder))
         except subprocess.TimeoutExpired as error:

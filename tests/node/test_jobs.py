@@ -80,6 +80,9 @@ def test_files_that_are_no_answers_are_removed_at_the_start_and_with_their_job(
     answers = config.data / "answers"
     (answers / "9").mkdir(parents=True)
     (answers / "9" / "y.dcm").write_bytes(b"of a node that was killed")
+    (answers / "9" / "ronnaplan-1" / "profile").mkdir(parents=True)
+    (answers / "9" / "ronnaplan-1" / "report.html").write_text("as it was printed")
+    (answers / "9" / "ronnaplan-1" / "profile" / "SingletonLock").symlink_to("a browser that is gone")
     job(index, "1.4.0")
     foreman = Foreman(config, index, Log(io.StringIO()), "tests.node.fake_work")
     assert not list(answers.rglob("*"))

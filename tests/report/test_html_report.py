@@ -353,6 +353,23 @@ def test_a_browser_that_no_command_starts_is_found_where_it_is_installed(
     assert find_browser() == str(browser)
 
 
+def test_a_report_is_printed_where_who_asks_looks_after_what_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A worker of the node that was killed left it, with what it tells of a patient, in the system's folder."""
+    printed_in: list[Path] = []
+
+    def printing(browser: str, html: str, folder: Path) -> bytes:
+        printed_in.append(folder)
+        return b"%PDF-1.4 %%EOF"
+
+    monkeypatch.setattr("ronnaplan.report.pdf.find_browser", lambda: "chromium")
+    monkeypatch.setattr("ronnaplan.report.pdf._printed", printing)
+    print_pdf("<p>", tmp_path)
+    assert [folder.parent for folder in printed_in] == [tmp_path]
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_browser_that_takes_too_long_is_told_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
     def printing(command: list[str], *, timeout: float, **_: Any) -> None:
         raise subprocess.TimeoutExpired(command, timeout)
