@@ -48,14 +48,16 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def pair_many() -> None:
-    """Pair more points than are listed in every order: of some orders fit alike, of others one does."""
+    """Pair more points than are listed in every order: of some orders fit alike, of others one, or two bodies do."""
     import numpy as np
 
     from ronnaplan.correspondence import match_points
 
     lattice = 20.0 * np.indices((3, 3, 2)).reshape(3, -1).T
-    for points in (lattice, lattice + np.random.default_rng(0).normal(0.0, 8.0, lattice.shape)):
-        match_points(points, points[::-1].copy())
+    uneven = lattice + np.random.default_rng(0).normal(0.0, 8.0, lattice.shape)
+    half_moved = uneven + 30.0 * (lattice[:, 2:] > 0.0)
+    for points, others in ((lattice, lattice), (uneven, uneven), (uneven, half_moved)):
+        match_points(points, others[::-1].copy())
 
 
 def place_robot() -> None:

@@ -15,7 +15,6 @@ import numpy as np
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.arm.limits import tightest
 from ronnaplan.robot.placement.clearances import posture_margins, standing_on
 from ronnaplan.robot.placement.machine import Machine
 from ronnaplan.robot.placement.order import LESS, cheapest, shortest
@@ -173,8 +172,9 @@ def _shifted(problem: Problem, one: Served, first: FloatArray) -> Served:
     if (first == one.angles_deg[0]).all():
         return one
     angles = one.angles_deg + (first - one.angles_deg[0])
-    margin = min(tightest(problem.machine.wrist.limits, posture)[0] for posture in np.radians(angles))
-    return replace(one, angles_deg=angles, joint_deg=float(np.degrees(margin)))
+    limits = np.degrees(problem.machine.wrist.limits)
+    margin = float(np.minimum(angles - limits[:, 0], limits[:, 1] - angles).min())
+    return replace(one, angles_deg=angles, joint_deg=margin)
 
 
 def _tour(moves: _Moves, turned: Sequence[FloatArray], groups: Sequence[list[int]], start: Sequence[int]) -> _Tour:
