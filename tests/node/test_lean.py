@@ -82,7 +82,7 @@ def test_the_voxels_are_gone_before_what_needs_none_is_made(
     monkeypatch.setattr(work_module, "_find", found)
     monkeypatch.setattr(contact, "draw_sheet", without_voxels(contact.draw_sheet))
     monkeypatch.setattr(marker_part, "draw_row", without_voxels(contact.draw_row))
-    monkeypatch.setattr(pdf, "print_pdf", without_voxels(lambda page: b"%PDF-"))
+    monkeypatch.setattr(pdf, "print_pdf", without_voxels(lambda page, below: b"%PDF-"))
     told: list[tuple[str, Any]] = []
     rule = Rule(name="r", diameters=(11.5,), expected=6)
     order = Order(1, SCAN, len(list(SCAN.glob("*.dcm"))), tmp_path, tmp_path / "answers", rule, ())
