@@ -27,7 +27,7 @@ def singularity_deg(arm: SerialArm, angles_rad: ArrayLike) -> FloatArray:
 
     Raises `InputError` for an arm without a closed form.
     """
-    from ronnaplan.robot.arm.singular import singularity
+    from ronnaplan.robot.arm.margins import singularity
     from ronnaplan.robot.arm.wrist import wrist_of
 
     wrist, angles = wrist_of(arm), as_angles(arm, angles_rad)

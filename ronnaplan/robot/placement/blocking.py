@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray, axes_across, unit
 from ronnaplan.robot.arm.compiled import ALL
-from ronnaplan.robot.arm.limits import tightest
 from ronnaplan.robot.arm.links import place_links
+from ronnaplan.robot.arm.margins import tightest
 from ronnaplan.robot.placement.clearances import (
     HEAD,
     ROOM,

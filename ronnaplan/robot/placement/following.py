@@ -7,10 +7,9 @@ import numpy as np
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.arm.compiled import ALL, near_postures, nearest_turn
-from ronnaplan.robot.arm.limits import tightest
 from ronnaplan.robot.arm.links import times
+from ronnaplan.robot.arm.margins import singularity, tightest
 from ronnaplan.robot.arm.refined import refined
-from ronnaplan.robot.arm.singular import singularity
 from ronnaplan.robot.arm.wrist import Wrist
 from ronnaplan.robot.placement.machine import Machine
 from ronnaplan.robot.placement.world import JOINT_NEED, SINGULAR_NEED

@@ -1,4 +1,7 @@
-"""How far a posture is from those in which the arm loses a direction; compiled."""
+"""How far a posture is from its joints' limits, and from those in which the arm loses a direction; compiled.
+
+`quality` tells both in degrees, of many postures.
+"""
 
 from __future__ import annotations
 
@@ -52,3 +55,17 @@ def singularity(wrist: Wrist, angles: FloatArray) -> float:
     x, z = c * gx + s * gz, c * gz - s * gx
     over = np.arctan2(abs(x + wrist.axis_2[0]), abs(z))
     return float(min(straight, elbow, over))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def tightest(limits: FloatArray, angles: FloatArray) -> tuple[float, int]:
+    """Return how far (rad) ``angles`` (N,) are from the nearest of all ``limits`` (N, 2), and which joint's that is.
+
+    Negative beyond it.
+    """
+    least, joint = np.inf, 0
+    for j in range(len(angles)):
+        here = min(angles[j] - limits[j, 0], limits[j, 1] - angles[j])
+        if here < least:
+            least, joint = here, j
+    return least, joint
