@@ -10,6 +10,7 @@ import time
 import weakref
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
 from socketserver import BaseServer
 from types import SimpleNamespace
 from typing import Any
@@ -53,6 +54,7 @@ def titles(association: Association) -> tuple[str, str]:
     return str(request.calling_ae_title).strip(), str(request.called_ae_title).strip()
 
 
+@cache
 def set_up_pynetdicom() -> None:
     """Keep pynetdicom from messages of its own, which hold what peers send, and from loading whole what it sends.
 
