@@ -91,7 +91,7 @@ class Points:
 
     @classmethod
     def exact(cls, positions_mm: ArrayLike, labels: tuple[str, ...], frame: Frame) -> Points:
-        """Return points that are taken as known without error, such as those of a plan."""
+        """Return points (N, 3) that are taken as known without error, such as those of a plan."""
         positions = as_points(positions_mm)
         return cls(positions, np.zeros((len(positions), 3, 3)), labels, frame)
 
@@ -103,7 +103,7 @@ class Points:
 
 
 def as_numbers(values: ArrayLike, name: str, expected: str) -> FloatArray:
-    """Return ``values`` as a float64 array; raises `InputError` unless they are real numbers and none is masked."""
+    """Return ``values`` (...) as float64; raises `InputError` unless they are real numbers and none is masked."""
     if np.ma.is_masked(values):  # what is masked would count as what lies beneath
         raise InputError(f"{name} are masked in part; leave out what is, expected {expected}")
     try:

@@ -74,7 +74,7 @@ class Pose:
 
     @classmethod
     def exact(cls, matrix: ArrayLike, to_frame: Frame, from_frame: Frame) -> Pose:
-        """Return a pose that is taken as known without error, such as a robot's own nominal kinematics."""
+        """Return a pose (4, 4) that is taken as known without error, such as a robot's own nominal kinematics."""
         return cls(as_pose(matrix, f"pose {to_frame} from {from_frame}"), np.zeros((6, 6)), to_frame, from_frame)
 
     @property

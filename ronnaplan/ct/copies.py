@@ -59,10 +59,10 @@ def _begins(whole: Blob, part: Blob) -> bool:
 
 
 def without_copies(images: list[SliceImage], along: FloatArray) -> tuple[list[SliceImage], FloatArray, bool]:
-    """Sort by position (``along`` the normal, mm) and drop copies (same place, same rescale, same stored values).
+    """Sort by position (``along`` (N,) the normal, mm) and drop copies (same place, same rescale, same stored values).
 
-    Returns what is kept, its positions, and whether anything was dropped. Images of one transfer syntax are compared
-    by their bytes, so that none need be decoded; those of several by their values.
+    Returns what is kept, its positions (K,), and whether anything was dropped. Images of one transfer syntax are
+    compared by their bytes, so that none need be decoded; those of several by their values.
     """
     order = np.argsort(along, kind="stable")
     starts = np.flatnonzero(np.diff(along[order]) > SAME_PLACE_TOLERANCE_MM) + 1

@@ -21,7 +21,7 @@ LARGEST_SHEAR = 1e-4
 
 
 def from_sitk(image: Any) -> tuple[Values, FloatArray]:
-    """Return values and affine of a three-dimensional SimpleITK image of one value a voxel."""
+    """Return values (K, J, I) and affine (4, 4) of a three-dimensional SimpleITK image of one value a voxel."""
     import SimpleITK as sitk
 
     if not isinstance(image, sitk.Image):
@@ -60,7 +60,7 @@ def to_nibabel(values: Values, affine: FloatArray) -> Any:
 
 
 def to_pyvista(values: Values, affine: FloatArray, name: str) -> Any:
-    """Return a PyVista image whose points are the voxels' centers in LPS mm; needs pyvista."""
+    """Return a PyVista image of ``values`` (K, J, I), whose points are the voxels' centers in LPS mm; needs pyvista."""
     pyvista = library_of_arrays("pyvista")
     spacing_mm, directions = _orthogonal(affine)
     image = pyvista.ImageData(

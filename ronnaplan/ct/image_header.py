@@ -90,7 +90,7 @@ def field_name(text: str) -> str:
 
 
 def decimals(text: str, count: int, name: str) -> FloatArray:
-    """Return the ``count`` decimal numbers of ``text``; raises `DamagedError` for any other text."""
+    """Return the decimal numbers (``count``,) of ``text``; raises `DamagedError` for any other text."""
     words = text.split() if _PLAIN.fullmatch(text) else []
     if len(words) != count or not all(_DECIMAL.fullmatch(word) for word in words):
         raise DamagedError(f"it gives '{printable(text, 60)}' as its {name}, expected {counted(count, 'number')}")
@@ -107,7 +107,7 @@ def whole(text: str, count: int, name: str) -> tuple[int, ...]:
 
 
 def finite(numbers: FloatArray, name: str) -> FloatArray:
-    """Return ``numbers``; raises `DamagedError` if one is no number, or beyond `LARGEST_NUMBER`."""
+    """Return ``numbers`` (...); raises `DamagedError` if one is no number, or beyond `LARGEST_NUMBER`."""
     if not (np.abs(numbers) <= LARGEST_NUMBER).all():
         raise DamagedError(
             f"it gives {_shown(numbers)} as its {name}, expected finite numbers up to {LARGEST_NUMBER:g}"
@@ -116,7 +116,7 @@ def finite(numbers: FloatArray, name: str) -> FloatArray:
 
 
 def positive(numbers: FloatArray, name: str) -> FloatArray:
-    """Return ``numbers``; raises `DamagedError` if one is not above zero."""
+    """Return ``numbers`` (...); raises `DamagedError` if one is not above zero."""
     if not (finite(numbers, name) > 0).all():
         raise DamagedError(f"it gives {_shown(numbers)} as its {name}, expected numbers above 0")
     return numbers

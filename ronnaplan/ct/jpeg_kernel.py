@@ -19,9 +19,9 @@ def decode_segment(
     predictor: int,
     first: int,
 ) -> np.int64:
-    """Decode one restart interval into ``pixels``; return the bytes used, or `CORRUPT`.
+    """Decode one restart interval, ``data`` (B,), into ``pixels`` (N,); return the bytes used, or `CORRUPT`.
 
-    ``lookup`` gives code length << 8 | category for each 16-bit pattern, ``first`` predicts the first pixel.
+    ``lookup`` (65536,) gives code length << 8 | category for each 16-bit pattern, ``first`` predicts the first pixel.
     """
     bits, held, position = np.int64(0), np.int64(0), 0
     for index in range(pixels.size):

@@ -42,13 +42,13 @@ DEFAULT_LIMITS = Limits()
 
 
 def are_hu(values: NDArray[Any]) -> bool:
-    """Return whether ``values`` are finite numbers that a scanner's scale holds."""
+    """Return whether ``values`` (...) are finite numbers that a scanner's scale holds."""
     low, high = float(values.min(initial=0)), float(values.max(initial=0))  # a float16 could not hold the bound
     return low >= -LARGEST_HU and high <= LARGEST_HU
 
 
 def fit_int16(values: NDArray[Any]) -> bool:
-    """Return whether ``values`` are whole numbers, all of which an int16 holds."""
+    """Return whether ``values`` (...) are whole numbers, all of which an int16 holds."""
     if values.dtype.kind == "i" and values.dtype.itemsize <= INT16_BITS // 8:
         return True
     most = 1 << INT16_BITS - 1

@@ -34,7 +34,7 @@ def one_by_one(voxels: NDArray[Any]) -> Iterator[NDArray[Any]]:
 
 
 def runs(voxels: NDArray[Any], first: int, end: int) -> Iterator[tuple[int, int]]:
-    """Yield first and past-the-last of runs of `AT_ONCE` slices of ``voxels``, from ``first`` to before ``end``.
+    """Yield first and past-the-last of runs of `AT_ONCE` slices of ``voxels`` (K, ...): ``first`` to before ``end``.
 
     Of those that lie in a `Scratch` none is held when the next ones come.
     """
@@ -44,7 +44,7 @@ def runs(voxels: NDArray[Any], first: int, end: int) -> Iterator[tuple[int, int]
 
 
 def let_go(voxels: NDArray[Any]) -> None:
-    """Hold nothing of ``voxels`` that lie in a `Scratch`, until they are touched again."""
+    """Hold nothing of ``voxels`` (...) that lie in a `Scratch`, until they are touched again."""
     base: Any = voxels
     while isinstance(base, np.ndarray):
         base = base.base

@@ -160,7 +160,7 @@ class ScalarMap(Gridded):
 
     @property
     def values(self) -> NDArray[Any]:
-        """The data, as `Gridded` has them."""
+        """The data (K, J, I), as `Gridded` has them."""
         return self.data
 
     def __repr__(self) -> str:
@@ -256,7 +256,7 @@ class CTVolume(Gridded):
 
     @property
     def values(self) -> NDArray[Any]:
-        """The voxels, as `Gridded` has them."""
+        """The voxels (K, J, I), as `Gridded` has them."""
         return self.voxels_hu
 
     name = "CT"

@@ -98,7 +98,7 @@ class Shelf:
         return rows if self._names else [{**one, "patient_name": ""} for one in rows]
 
     def picture(self, number: int) -> NDArray[np.uint8] | None:
-        """Return a picture of the middle of a series that was listed; see `thumbnail`."""
+        """Return a picture (J, I) of the middle of a series that was listed; see `thumbnail`."""
         with open_archive(self._config, self._peer) as archive:
             return thumbnail(archive, self._at(number))
 

@@ -54,7 +54,7 @@ PATH_VIEWS = ("inline", "second", ACROSS)
 
 
 def path_axes(view: str, trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
-    """Return right and down of a path view; in both that hold it the entry is above, the target below."""
+    """Return right and down (3,) of a path view; in both that hold it the entry is above, the target below."""
     if view == ACROSS:
         return axes_along(trajectory.inward)
     return axes_beside(trajectory.inward)[PATH_VIEWS.index(view)], trajectory.inward
@@ -66,12 +66,12 @@ def picture(scan: SliceSampler, cut: Cut, window_hu: tuple[float, float], shape:
 
 
 def sampled(scan: SliceSampler, cut: Cut, shape: tuple[int, int]) -> NDArray[np.float32]:
-    """Return what ``scan`` holds in a cut, in HU: what takes long of a picture, and is the same in every window."""
+    """Return what ``scan`` holds in a cut (``shape``), in HU: what takes long of a picture, whatever its window."""
     return values_hu(scan, cut, shape, BLACKEST_HU)
 
 
 def shaded(values_hu: NDArray[np.float32], window_hu: tuple[float, float]) -> Shades:
-    """Return values in HU as grey."""
+    """Return values (rows, columns) in HU as grey."""
     low, high = window_hu
     grey = np.clip((values_hu - low) * (255.0 / (high - low)), 0.0, 255.0)
     shades: Shades = grey.astype(np.uint8)

@@ -52,7 +52,7 @@ def seen_from(
 
 
 def cube(axes: FloatArray) -> str:
-    """Return how CSS turns a cube that stands in LPS so that it is seen as the head is; ``axes`` as of `Camera`."""
+    """Return how CSS turns a cube that stands in LPS so that it is seen as the head is; ``axes`` (3, 3) of `Camera`."""
     right, up, back = axes
     columns = np.stack([right, -up, back])  # CSS counts downwards
     numbers = [*(value for n in range(3) for value in (*columns[:, n], 0.0)), 0.0, 0.0, 0.0, 1.0]

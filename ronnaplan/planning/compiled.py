@@ -30,7 +30,7 @@ bone = njit(cache=True, nogil=True, error_model="numpy")(layers.bone)
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def slice_below(w_mm: FloatArray, w: float, guess: int) -> int:
-    """Return k with ``w_mm[k] <= w <= w_mm[k + 1]``, searched from ``guess``; -1 outside."""
+    """Return k with ``w_mm[k] <= w <= w_mm[k + 1]`` of rising ``w_mm`` (K,), searched from ``guess``; -1 outside."""
     count = len(w_mm)
     if count < 2 or not (w_mm[0] <= w <= w_mm[count - 1]):
         return -1
@@ -234,7 +234,7 @@ def exchange(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def largest(markers: FloatArray, targets: FloatArray) -> float:
-    """Return the largest squared error over the targets, in units of sigma^2; infinite for a line."""
+    """Return the largest squared error over targets (T, 3) of markers (M, 3), in sigma^2; infinite for a line."""
     count = len(markers)
     centroid = np.zeros(3)
     for n in range(count):

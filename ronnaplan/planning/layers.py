@@ -84,12 +84,12 @@ def is_inside(
 
 
 def crossing(values: FloatArray, n: int, level: float) -> float:
-    """Return the reach in mm at which ``values`` passes ``level`` between samples n - 1 and n."""
+    """Return the reach in mm at which ``values`` (N,), HU, passes ``level`` between samples n - 1 and n."""
     return float((n - 1 + (values[n - 1] - level) / (values[n - 1] - values[n])) * STEP_MM)
 
 
 def bone(values: FloatArray, scalp: int) -> tuple[int, int]:
-    """Return the samples just beyond the outer and the inner table below sample ``scalp``; 0 where not met."""
+    """Return the samples of (N,) HU just beyond the outer and inner table below sample ``scalp``; 0 where not met."""
     outer = 0
     for n in range(scalp, max(scalp - int(DEEPEST_SKULL_MM / STEP_MM), 0), -1):
         if values[n - 1] >= BONE_HU > values[n]:

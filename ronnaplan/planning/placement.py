@@ -70,7 +70,7 @@ def place_markers(
     seed: int = 0,
     progress: Progress = False,
 ) -> Placement:
-    """Propose ``count`` markers among ``sites`` that make the largest expected error at ``targets_mm`` least.
+    """Propose ``count`` markers among ``sites`` that make the largest expected error at ``targets_mm`` (T, 3) least.
 
     ``progress`` shows or is told how many of the layouts were tried. Raises `InputError` for fewer than three markers
     or no target, and `RefusedError` when the rules leave no layout.
@@ -149,7 +149,7 @@ def _expected(markers_mm: FloatArray, rules: PlacementRules) -> ExpectedPose:
 def scattered_layout(
     centers: FloatArray, count: int, apart_mm: float, generator: np.random.Generator
 ) -> NDArray[np.int64] | None:
-    """Return a random layout that keeps its distances, or None when the places ran out."""
+    """Return a random layout (``count``,) of centers (S, 3) that keep apart, or None when the places ran out."""
     open_places = np.ones(len(centers), dtype=np.bool_)
     chosen: list[int] = []
     while len(chosen) < count:

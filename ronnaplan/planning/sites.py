@@ -53,7 +53,7 @@ class Sites:
         return self.scalp_mm + height_mm * self.normals
 
     def chosen(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> Sites:
-        """Return some of the sites."""
+        """Return some of the sites: ``keep`` (S,) says of each whether, or (N,) which."""
         return Sites(self.scalp_mm[keep], self.normals[keep], self.inside_mm)
 
 
@@ -136,7 +136,7 @@ def allowed_sites(sites: Sites, rules: PlacementRules, entries_mm: ArrayLike = (
 
 
 def even_layout(sites: Sites, count: int, generator: np.random.Generator) -> NDArray[np.int64]:
-    """Return ``count`` sites spread evenly: a Fibonacci lattice, randomly turned, so dense that so many fit.
+    """Return (``count``,) sites spread evenly: a Fibonacci lattice, randomly turned, so dense that so many fit.
 
     What a careful person does who does not think of the target; the measure for `place_markers`.
     """

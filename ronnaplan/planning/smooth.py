@@ -76,7 +76,7 @@ class Patch:
         return values * self.scale_mm, jacobian * self.scale_mm, normals @ self.axes
 
     def nearest(self, start: FloatArray, stop: FloatArray) -> tuple[float, float, float] | None:
-        """Return a segment's distance, what it is at least, and the share of the segment where it is nearest.
+        """Return a segment's distance, what it is at least, and at which share of it; ``start``, ``stop`` (3,), mm.
 
         None where the surface is not known well enough there.
         """

@@ -65,7 +65,7 @@ def _one_side(values: ArrayLike | None, shape: tuple[int, ...], name: str) -> Fl
 
 
 def estimated_variance(matrix: FloatArray, moving_mm: FloatArray, fixed_mm: FloatArray) -> float:
-    """Return the unbiased per-axis variance of the pairs' errors, from 3 N - 6 degrees of freedom."""
+    """Return the unbiased per-axis variance of the errors of pairs (N, 3), mm^2, from 3 N - 6 degrees of freedom."""
     residual = fixed_mm - transform_points(matrix, moving_mm)
     return max(float((residual**2).sum()) / freedom(len(moving_mm)), SMALLEST_VARIANCE_MM2)
 

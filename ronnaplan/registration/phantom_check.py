@@ -71,7 +71,7 @@ class KnownPhantom:
         has_hand: bool = True,
         scan: frozenset[str] = frozenset(),
     ) -> KnownPhantom:
-        """Return a phantom whose places are right within ``sigma_mm`` an axis."""
+        """Return a phantom whose places (N, 3) are right within ``sigma_mm`` an axis."""
         centers = as_points(centers_mm, "the phantom's markers")
         covariances = np.tile(max(sigma_mm, PHANTOM_ERROR_MM) ** 2 * np.eye(3), (len(centers), 1, 1))
         return cls(name, tuple(labels), centers, covariances, has_hand, scan)

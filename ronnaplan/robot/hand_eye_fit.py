@@ -39,7 +39,10 @@ class Fit(NamedTuple):
 
 
 def refine(seen: FloatArray, driven: FloatArray, left: FloatArray, right: FloatArray) -> Fit:
-    """Return the least squares, by Gauss and Newton, from R from OTS ``left`` and M from TCP ``right``."""
+    """Return the least squares, by Gauss and Newton, from R from OTS ``left`` and M from TCP ``right`` (4, 4).
+
+    Of N moments, ``seen`` (N, 4, 4) is OTS from M, ``driven`` (N, 4, 4) R from TCP, mm.
+    """
     sds = np.repeat(STARTING_SDS, 3)
     for _ in range(ITERATIONS):
         error = discrepancies(seen, driven, left, right)

@@ -110,13 +110,13 @@ def require_trackers(recording: Recording) -> None:
 
 
 def robots_poses(recording: Recording) -> dict[int, FloatArray]:
-    """Return the robot's poses as `tool_poses` does; raises `InputError` for a tracker's recording, too."""
+    """Return the robot's poses (4, 4) as `tool_poses` does; raises `InputError` for a tracker's recording, too."""
     require_robots(recording)
     return tool_poses(recording)
 
 
 def trackers_poses(recording: Recording, tool: str | None = None) -> dict[int, FloatArray]:
-    """Return the tracker's poses of ``tool`` as `tool_poses` does; raises `InputError` for the robot's, too."""
+    """Return the tracker's poses (4, 4) of ``tool`` as `tool_poses` does; raises `InputError` for the robot's, too."""
     require_trackers(recording)
     return tool_poses(recording, tool)
 

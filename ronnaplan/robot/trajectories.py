@@ -101,7 +101,7 @@ def robot_trajectory(
 
 
 def roll_doubts(trajectories: Sequence[RobotTrajectory], x_axis: ArrayLike) -> tuple[str, ...]:
-    """Return a sentence that names the trajectories nearly along ``x_axis``, where there are any."""
+    """Return a sentence that names the trajectories nearly along ``x_axis`` (3,), where there are any."""
     asked = unit(as_numbers(x_axis, "the tool's x axis", "a direction (3,)"))
     least = np.cos(np.radians(NEARLY_ALONG_DEG))
     along = [one.name for one in trajectories if abs(float(one.direction @ asked)) > least]

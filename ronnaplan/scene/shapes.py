@@ -23,7 +23,7 @@ class Body:
 
     @classmethod
     def of(cls, vertices_mm: FloatArray, triangles: NDArray[np.int64]) -> Body:
-        """Return a surface whose triangles turn anticlockwise, seen from outside."""
+        """Return a surface of vertices (V, 3) whose triangles (T, 3) turn anticlockwise, seen from outside."""
         a, b, c = (vertices_mm[triangles[:, n]] for n in range(3))
         normals = np.zeros_like(vertices_mm)
         for n in range(3):
@@ -53,7 +53,7 @@ def tube(points_mm: FloatArray, radii_mm: ArrayLike) -> Body:
 
 
 def ball(center_mm: ArrayLike, radius_mm: float, sides: int = SIDES) -> Body:
-    """Return a ball of so many meridians."""
+    """Return a ball about ``center_mm`` (3,) of so many meridians."""
     polar = np.linspace(0.0, np.pi, sides // 2 + 1)
     axis = np.array([0.0, 0.0, 1.0])
     points = np.asarray(center_mm) - radius_mm * np.cos(polar)[:, np.newaxis] * axis

@@ -48,7 +48,7 @@ def surfaces(
 
 
 def task(field: Field, levels: Mapping[str, Level], outside: float, most_triangles: int) -> Arrays:
-    """Return what the workshop is given to make surfaces."""
+    """Return what the workshop is given to make surfaces: values (K, J, I), where they lie, and the levels."""
     return {
         "values": field.values,
         "origin_mm": field.origin_mm,
@@ -62,7 +62,7 @@ def task(field: Field, levels: Mapping[str, Level], outside: float, most_triangl
 
 
 def bodies(answer: Arrays, levels: Mapping[str, Level]) -> dict[str, Body]:
-    """Return the workshop's answer as bodies, by name."""
+    """Return the workshop's answer, vertices and normals (V, 3) and triangles (T, 3), as bodies, by name."""
     return {
         name: Body(
             answer[f"{name}/vertices"].astype(np.float32),

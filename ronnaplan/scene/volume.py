@@ -71,7 +71,7 @@ class Volume:
 
     @property
     def greatest(self) -> NDArray[np.uint8]:
-        """The greatest value in each block of `BLOCK` cells a side and in the cells that touch it."""
+        """The greatest value in each block (k, j, i) of `BLOCK` cells a side and in the cells that touch it."""
         from scipy.ndimage import maximum_filter
 
         sides = [-(-count // BLOCK) for count in self.values.shape]

@@ -87,7 +87,7 @@ def head(given: dict[str, Any]) -> HeadParts:
 
 
 def surfaces(task: Arrays) -> Arrays:
-    """Return vertices, normals and triangles of each level of a field, loose pieces and closed cavities left out."""
+    """Return vertices, normals (V, 3) and triangles (T, 3) of a field's levels, without loose pieces and cavities."""
     found: Arrays = {}
     values = np.pad(task["values"], 1, constant_values=float(task["outside"]))
     origin_mm = task["origin_mm"] - task["cell_mm"]

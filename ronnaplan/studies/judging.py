@@ -76,7 +76,7 @@ def outcomes(given: NDArray[np.int64], true: NDArray[np.int64]) -> list[int]:
 
 
 def calibration(probability: FloatArray, right: NDArray[np.bool_]) -> list[list[float]]:
-    """Return for each bin of stated probability: answers, right answers, sum of the stated probabilities."""
+    """Return of answers (N,) for each bin of stated probability: how many, right ones, sum of the probabilities."""
     bins = np.digitize(probability, PROBABILITY_EDGES[1:-1])
     count = len(PROBABILITY_EDGES) - 1
     sums = [np.bincount(bins, weights, count) for weights in (np.ones(len(bins)), right, probability)]

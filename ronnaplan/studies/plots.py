@@ -90,7 +90,7 @@ def plot_calibration(by_cell: dict[Cell, Record], path: Path) -> None:
 
 
 def poisson_limits(counts: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return exact 95 % limits of Poisson means."""
+    """Return exact 95 % limits of Poisson means, low and high, shaped as ``counts`` (...)."""
     from scipy.stats import chi2
 
     low = np.where(counts > 0, 0.5 * chi2.ppf(0.025, 2 * np.maximum(counts, 0.5)), 0.0)

@@ -107,13 +107,13 @@ def pose_status(metadata: Mapping[str, str], tool: str = POSE) -> str:
 
 
 def doubles(floats: NDArray[np.void]) -> FloatArray:
-    """Return numbers of four bytes as ours."""
+    """Return numbers (...) of four bytes as ours."""
     with np.errstate(invalid="ignore"):  # of a signalling NaN, which becomes a quiet one
         return floats.astype(np.float64)
 
 
 def positions(content: bytes) -> list[tuple[str, FloatArray, FloatArray]]:
-    """Return (name, position, scalar-first quaternion) of a POSITION body, in either layout."""
+    """Return (name, position (3,) in mm, scalar-first quaternion (4,)) of a POSITION body, in either layout."""
     if len(content) in POSITION_BYTES:
         values = doubles(np.frombuffer(content, dtype=">f4"))
         if len(values) == 6:  # the protocol leaves out the scalar part, which is not negative

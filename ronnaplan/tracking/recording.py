@@ -198,7 +198,7 @@ def quaternion_pose(quaternion: FloatArray, translation_mm: FloatArray) -> Float
 def tool_reading(
     frame: int, tool: str, matrix: FloatArray, time_s: float, status: str = OK
 ) -> tuple[ToolReading, float]:
-    """Return the reading of a tracker's ``matrix`` of 16 numbers, and by how much its rotation missed one.
+    """Return the reading of a tracker's ``matrix`` (4, 4), mm, and by how much its rotation missed one.
 
     The nearest rotation is taken within `ROTATION_TOLERANCE`; what is no pose is flagged with the reason.
     """

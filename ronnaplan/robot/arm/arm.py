@@ -136,7 +136,7 @@ class SerialArm:
             ) from None
 
     def with_tool(self, name: str, flange_from_tool: ArrayLike) -> SerialArm:
-        """Return the arm with one more tool or camera frame; raises `InputError` for a pose that is not rigid."""
+        """Return the arm with one more tool or camera frame (4, 4); raises `InputError` for one that is not rigid."""
         return replace(self, frames={**self.frames, name: as_pose(flange_from_tool, f"tool {name}")})
 
     def holding(self, joint: str, angle_rad: float) -> SerialArm:

@@ -54,7 +54,7 @@ def from_base(joints: tuple[str, ...], places: FloatArray, axes: FloatArray) -> 
 
 
 def from_flange(joints: tuple[str, ...], places: FloatArray, axes: FloatArray) -> Axes:
-    """Return the same of a spherical shoulder, which is the wrist of the arm seen from its flange: axis 6 is first."""
+    """Return the same of a spherical shoulder, the wrist of the arm seen from its flange: axes (6, 3), sixth first."""
     off = _angles_off(joints, axes, "perpendicular")
     center, apart_mm = _meeting(places[3:], axes[3:])
     origin, apart_two_mm = _meeting(places[:2], axes[:2])

@@ -28,7 +28,7 @@ def invert_into(inverse: FloatArray, pose: FloatArray) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def place_links(origins: FloatArray, axes: FloatArray, angles: FloatArray, frames: FloatArray) -> None:
-    """Fill ``frames`` (N + 1, 4, 4), base from link, of which the first, the base, is given."""
+    """Fill ``frames`` (N + 1, 4, 4), base from link; the first is given, ``origins`` (N, 4, 4), ``axes`` (N, 3)."""
     turn, placed = np.empty((3, 3)), np.empty((3, 3))
     for n in range(len(axes)):
         x, y, z = axes[n]

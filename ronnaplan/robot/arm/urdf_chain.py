@@ -37,7 +37,7 @@ def chain_to(joints: dict[str, Joint], tip: str, links: dict[str, ElementTree.El
 
 
 def from_base(joints: dict[str, Joint], chain: list[Joint], base: str | None) -> tuple[list[Joint], FloatArray]:
-    """Return what of ``chain`` is beyond the joints that move ``base``, and base from the link where that begins."""
+    """Return what of ``chain`` is beyond the joints that move ``base``, and (4, 4) base from where that begins."""
     if base is None:
         return chain, np.eye(4)
     top, from_base = base, np.eye(4)
@@ -151,7 +151,7 @@ def _turned(joints: dict[str, Joint]) -> dict[str, tuple[int, str]]:
 def with_fixed(
     joints: dict[str, Joint], place: dict[str, tuple[int, FloatArray]]
 ) -> dict[str, tuple[int, FloatArray]]:
-    """Return ``place`` (number and pose in it of the chain's links) with every link that is fixed to one of them."""
+    """Return ``place`` (number of the chain's links, pose (4, 4) in it) with every link that is fixed to one."""
     fixed: dict[str, list[Joint]] = {}
     for joint in joints.values():
         if joint.kind == "fixed":

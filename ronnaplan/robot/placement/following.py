@@ -29,7 +29,7 @@ def lessen(wrist: Wrist, angles: FloatArray, margins: FloatArray) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def worth_of_joints(needs: FloatArray, joint: float, singular: float) -> float:
-    """Return what margins of ``joint`` limits and ``singular`` postures are worth; `NOTHING` below `World.needs`."""
+    """Return what margins of ``joint`` limits and ``singular`` postures are worth; `NOTHING` below ``needs`` (K,)."""
     if joint < needs[JOINT_NEED] or singular < needs[SINGULAR_NEED]:
         return NOTHING
     return float(np.degrees(min(joint, singular)))

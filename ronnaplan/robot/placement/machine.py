@@ -72,7 +72,7 @@ def machine_of(arm: SerialArm, room: Room, instruments: FloatArray = NO_INSTRUME
 def unchecked_machine(
     arm: SerialArm, room: Room, wrist: Wrist, instruments: FloatArray = NO_INSTRUMENTS
 ) -> Machine:
-    """Return the robot, of the arm's ``wrist``, as `machine_of` does, but in whatever posture it starts from."""
+    """Return what `machine_of` does of the arm's ``wrist`` and instruments (T, 7), whatever posture it starts from."""
     links, bodies, tool_from = bodies_of(arm, room)
     carriers = np.append(links, len(arm))  # the instrument goes with the last link
     marker = np.zeros((2, 3))
@@ -209,7 +209,7 @@ def frames_on(machine: Machine, base: FloatArray) -> FloatArray:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def place_bodies(machine: Machine, instrument: FloatArray, frames: FloatArray, bodies: FloatArray) -> None:
-    """Fill ``bodies`` (K + 1, 7) with all capsules in the room, the instrument last."""
+    """Fill ``bodies`` (K + 1, 7) with the capsules in the room, the instrument (7,) last; ``frames`` (N + 1, 4, 4)."""
     for k in range(len(machine.links)):
         moved_capsule(frames[machine.links[k]], machine.bodies[k], bodies[k])
     moved_capsule(frames[-1], instrument, bodies[-1])

@@ -19,7 +19,7 @@ MOST_STARTS = 64
 
 
 def cheapest(costs: Sequence[FloatArray]) -> list[int]:
-    """Return the way of least cost through layers, from the only place of the first to the only one of the last."""
+    """Return the way of least cost (P, Q) through layers, from the only place of the first to that of the last."""
     left = [np.zeros(1)]
     for cost in reversed(costs):
         left.append((cost + left[-1]).min(axis=1))

@@ -65,11 +65,11 @@ class _Moves:
         return self.known[key]
 
     def by_reference(self, a: FloatArray, b: FloatArray) -> float:
-        """Return what the move counts by way of the reference."""
+        """Return what the move between angles (6,), degrees, counts by way of the reference."""
         return self.direct(self.reference, a) + self.direct(self.reference, b)
 
     def least(self, a: FloatArray, b: FloatArray) -> float:
-        """Return what the better of both ways counts."""
+        """Return what the better of both ways between angles (6,), degrees, counts."""
         around = self.by_reference(a, b)
         return around if _farthest_turn_deg(a, b) > around else min(self.direct(a, b), around)
 

@@ -84,7 +84,7 @@ def worths(problem: Problem, places: FloatArray, least: float = 0.0, plenty: flo
 
 
 def shared_out(work: Callable[[NDArray[np.int64]], None], count: int) -> None:
-    """Have all cores do ``work`` on the numbers below ``count``, each on every so many: near places take as long."""
+    """Have all cores do ``work`` on numbers (n,) below ``count``, each on every so many: near places take as long."""
     parts = cores()
     list(in_threads(work, [np.arange(n, count, parts) for n in range(min(parts, count))]))
 
