@@ -19,7 +19,7 @@ What a limb as dark as the ground shows of its place depends on the light; `ligh
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -38,7 +38,7 @@ from ronnaplan.robot.stereo.shading_compiled import (
     Flags,
     equations,
 )
-from ronnaplan.robot.stereo.shading_pixels import OUTWARD_PX, Pixels, pixels_near
+from ronnaplan.robot.stereo.shading_pixels import OUTWARD_PX, Pixels, pixels_near, within
 from ronnaplan.robot.stereo.shading_steps import (
     EARLY,
     FEWEST_PIXELS,
@@ -61,6 +61,8 @@ STARTS, STRAYED_PX = 3, 2.5
 """A fit starts anew, so many times together, where the outline is so far from where its pixels were taken."""
 AGAIN = 2
 """A fit that goes on from another starts with this step."""
+NEAR_PX, NEAR_BLURS = 2.0, 4.0
+"""Ground near the ball is so far outside its edge, and so many blurs more: level and slope, if not farther out."""
 DECIDED = 8
 """From this step on sectors are left out only, so that none comes and goes for ever."""
 STEPS_IF_CLIPPED, LARGEST_NOISE_IF_CLIPPED = 12, 0.05
@@ -101,11 +103,19 @@ class ShadedSphere:
     """Whether its own shadow is in the model of the light."""
     fitted: tuple[Pixels, State]
     """Its pixels, and what is known of it there."""
+    by_ground: FloatArray = field(default_factory=lambda: np.zeros(3))
+    """By how much its place (3) was another with the ground farther out."""
 
     @property
     def noise(self) -> float:
         """What the model leaves of its pixels, in the image's grey values."""
         return self.fitted[1].noise
+
+    @property
+    def ground(self) -> float:
+        """How bright the ground beside it is, as a share of its own brightness."""
+        state = self.fitted[1]
+        return float(state.grounds[state.kept, 0].mean() / state.level)
 
     @property
     def clipped_share(self) -> float:
@@ -182,6 +192,21 @@ def in_own_shadow(found: ShadedSphere) -> ShadedSphere | None:
     state = replace(before, light=light, last=np.zeros(COMMON))
     fitted = _fit(pixels, state, AGAIN, shadows=True)
     return None if fitted is None else _result(pixels, state, fitted, found.expected, found.across, shadows=True)
+
+
+def before_near_ground(found: ShadedSphere) -> ShadedSphere | None:
+    """Return the sphere ``found`` by the ground near its edge only, or None: a shadow, or a pattern, is no slope."""
+    pixels, before = found.fitted
+    reach = NEAR_PX + NEAR_BLURS * float(before.geometry[4])
+    if reach > OUTWARD_PX:
+        return None
+    near, state = (
+        within(pixels, before.geometry[:2], before.geometry[2] + reach),
+        replace(before, last=np.zeros(COMMON)),
+    )
+    fitted = _fit(near, state, AGAIN)
+    told = None if fitted is None else _result(near, state, fitted, found.expected, found.across, shadows=False)
+    return None if told is None else replace(told, by_ground=found.place - told.place)
 
 
 def _fit(

@@ -10,7 +10,7 @@ import numpy as np
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.stereo.camera import Camera
 from ronnaplan.robot.stereo.circles import Image
-from ronnaplan.robot.stereo.shading_compiled import Integers, gather
+from ronnaplan.robot.stereo.shading_compiled import Flags, Integers, gather
 
 ARC_PX = 8.0
 FEWEST_SECTORS, MOST_SECTORS = 36, 72
@@ -74,7 +74,15 @@ def pixels_near(
 
 def _beyond(pixels: Pixels, least_px: float) -> Pixels:
     """Return those of the ``pixels`` that are farther from the middle than ``least_px``."""
-    taken = np.hypot(*pixels.places.T) > least_px
+    return _those(pixels, np.hypot(*pixels.places.T) > least_px)
+
+
+def within(pixels: Pixels, middle_px: FloatArray, most_px: float) -> Pixels:
+    """Return those of the ``pixels`` that are no farther from ``middle_px`` (2,) than ``most_px``."""
+    return _those(pixels, np.hypot(*(pixels.places - middle_px).T) < most_px)
+
+
+def _those(pixels: Pixels, taken: Flags) -> Pixels:
     starts = np.concatenate([[0], np.cumsum(taken)])[pixels.starts]
     return replace(
         pixels, places=pixels.places[taken], grey=pixels.grey[taken], weights=pixels.weights[taken], starts=starts
