@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from numbers import Real
@@ -17,15 +16,20 @@ from ronnaplan.robot.chain import TCP, to_frame
 from ronnaplan.robot.stereo.calibration_errors import errors_of, remedy
 from ronnaplan.robot.stereo.camera import RIG, Camera, StereoRig
 from ronnaplan.robot.stereo.circles import Image
+from ronnaplan.robot.stereo.fields import require_one_moment
 from ronnaplan.robot.stereo.lights import fit, in_each_light, weighed
 from ronnaplan.robot.stereo.outline import Cone, Outline, find_cones, outlines_of
 from ronnaplan.robot.stereo.response import require_linear
+from ronnaplan.robot.stereo.sphere_refused import advice, left_open
 from ronnaplan.sigmas import LARGEST_STATED_MM, SIGMA_LAMP_DEG
 
 LARGEST_GAP_MM = 0.3
 """Two outlines whose lines of sight pass further from each other than this are not of one sphere."""
 RIG_PX = 0.03
 """By so much the calibration makes lines of sight miss each other, which then tells nothing of the light."""
+LARGEST_GAP_SDS = 4.0
+"""Lines of sight that miss each other by more standard deviations, of both outlines' errors and the calibration's, are
+not of one moment and of these cameras: what moved along the lines of sight's plane is seen by nothing."""
 SIZE_TOLERANCE = 0.05
 """Largest relative difference of an outline's apparent size from that of the sphere at the place found."""
 CONE_PX, CONE_SIZE = 10.0, 0.25
@@ -49,6 +53,8 @@ class StereoSphere:
     does not tell what it was calibrated on. The error of ``tcp_from_rig`` is in neither."""
     gap_mm: float
     """How far the two lines of sight pass from each other."""
+    gap_sds: float
+    """The same in standard deviations, in the lights that may fall on it."""
     left: Outline
     right: Outline
 
@@ -79,10 +85,11 @@ def locate_sphere(
     """Return the one sphere of ``diameter_mm`` that both images (rows, columns; grey) show.
 
     Outlines are paired when their lines of sight meet and both have the size of such a sphere there. Raises
-    `InputError` if no pair does and `RefusedError` if more than one does, if the images are not linear in the light, or
-    if the center is not known to ``largest_mm`` (RMS), by the images and by the cameras' calibration. Where the limb is
-    as dark as the ground its place depends on where the lamps are: well beside the lenses, or about them and off them
-    by ``lamp_sd_deg``, as seen from the sphere.
+    `InputError` if no pair does and `RefusedError` if more than one does, if the images are not linear in the light or
+    not of one moment, if the lines of sight miss each other by more than their errors, or if the center is not known to
+    ``largest_mm`` (RMS), by the images and by the cameras' calibration. Where the limb is as dark as the ground its
+    place depends on where the lamps are: well beside the lenses, or about them and off them by ``lamp_sd_deg``, as seen
+    from the sphere.
     """
     check_type(rig, StereoRig, "the cameras' rig", "calibrate_on_board returns one")
     check_type(diameter_mm, Real, "the sphere's diameter", "give a number of mm")
@@ -102,17 +109,44 @@ def locate_sphere(
     if not found:
         counts = f"{len(lefts)} outlines left, {len(rights)} right"
         kept = [few or many for few, many in zip((lefts, rights), seen, strict=True)]
-        why = _other_size(met, rig, diameter_mm) or _left_open(kept, rig, diameter_mm, largest_mm)
-        why = why or _advice(lefts, rights, bool(meeting[0]))
+        why = _other_size(met, rig, diameter_mm) or left_open(kept, rig, diameter_mm, largest_mm)
+        why = why or advice(lefts, rights, bool(meeting[0]))
         raise InputError(f"no sphere of {diameter_mm:g} mm is seen by both cameras ({counts}){why}")
     if len(found) > 1:
         raise RefusedError(
             f"{len(found)} spheres of {diameter_mm:g} mm are seen by both cameras; expected one, so take the others "
             "out of sight"
         )
-    require_linear((left, right), (rig.left, rig.right), (found[0].left, found[0].right))
+    both = (left, right), (rig.left, rig.right), (found[0].left, found[0].right)
+    require_linear(*both)
+    require_one_moment(*both)
+    _require_met(found[0], rig)
     _require_known(found[0], rig, diameter_mm, largest_mm)
     return found[0]
+
+
+@dataclass(frozen=True, eq=False)
+class _Missed:
+    """How two lines of sight miss each other in each light (H)."""
+
+    apart: FloatArray
+    """What of the places in both images (4) no position explains."""
+    by: FloatArray
+    """(H,), rad."""
+    variances: FloatArray
+    """(H,), by outlines and a calibration of which nothing is told."""
+
+
+def _require_met(sphere: StereoSphere, rig: StereoRig) -> None:
+    """Raise `RefusedError` where the lines of sight to ``sphere`` miss each other by more than their errors."""
+    if sphere.gap_sds > LARGEST_GAP_SDS:
+        far_mm = float(np.linalg.norm(sphere.position_mm - rig.left.center_mm))
+        gap_px = sphere.gap_mm / far_mm * rig.left.focal_px
+        raise RefusedError(
+            f"the lines of sight to the sphere miss each other by {gap_px:.2f} pixels, {sphere.gap_sds:.0f} times "
+            "their standard error: something moved between left and right, or a camera since the calibration; take "
+            "both at one moment, and calibrate the cameras anew if it stays"
+        )
 
 
 def _require_known(sphere: StereoSphere, rig: StereoRig, diameter_mm: float, largest_mm: float) -> None:
@@ -132,28 +166,6 @@ def _require_known(sphere: StereoSphere, rig: StereoRig, diameter_mm: float, lar
     )
 
 
-def _left_open(
-    seen: Sequence[Sequence[Cone | Outline]], rig: StereoRig, diameter_mm: float, largest_mm: float
-) -> str:
-    """Say that what looks most like a sphere in either image is where cameras are not known to ``largest_mm``, or not.
-
-    A lens that is not known there bends an outline to none, or two to spheres that do not meet.
-    """
-    errors = errors_of(rig)
-    for side, camera, offered in zip(("left", "right"), (rig.left, rig.right), seen, strict=True):
-        if errors is None or not offered:
-            continue
-        direction = camera.rig_from_camera[:3, :3] @ offered[0].direction
-        place = camera.center_mm + offered[0].distance_mm(diameter_mm) * direction
-        open_mm = float(rms_mm(errors.of_center(rig, place, diameter_mm / 2)))
-        if open_mm > largest_mm:
-            return (
-                f": by {open_mm:.2g} mm the cameras' calibration leaves open where what looks most like one is in the "
-                f"{side} image; {remedy(rig, place, diameter_mm / 2)}"
-            )
-    return ""
-
-
 def _other_size(met: list[StereoSphere], rig: StereoRig, diameter_mm: float) -> str:
     """Say of what size the sphere is that was ``met`` where one of ``diameter_mm`` was expected, or nothing."""
     for one in met:
@@ -165,25 +177,6 @@ def _other_size(met: list[StereoSphere], rig: StereoRig, diameter_mm: float) -> 
                 "or, where that is none, put a plain and darker ground behind the one that is"
             )
     return ""
-
-
-def _advice(lefts: list[Outline], rights: list[Outline], agreed: bool) -> str:
-    """Say what to do where no outlines are of one sphere; ``agreed``: edges in both images are of one."""
-    if agreed and lefts and rights:
-        return (
-            "; edges agree on one in both images, but its outlines do not: take both at one moment, light it evenly "
-            "and without gloss up to its limb, and calibrate the cameras anew if they were moved"
-        )
-    if agreed:
-        return (
-            "; edges agree on one in both images, but its outline is not a sphere's: bring it into focus, let it and "
-            "the cameras rest, and let nothing hide or outshine its limb, or be mirrored in it"
-        )
-    if lefts and rights:
-        return (
-            "; check that left and right are of this rig, of one moment, not exchanged, or move the cameras closer"
-        )
-    return "; move the cameras closer, keep the sphere in both images, and put a plain and darker ground behind it"
 
 
 def _that_may_meet(
@@ -223,15 +216,18 @@ def _meet(left: Outline, right: Outline, rig: StereoRig, lamp_sd_deg: float) -> 
     )
     if not ahead or gap_mm > LARGEST_GAP_MM:
         return None
-    logarithms, places, covariances, gains = _in_each_light(rig, left, right, near, lamp_sd_deg)
+    logarithms, places, covariances, gains, missed = _in_each_light(rig, left, right, near, lamp_sd_deg)
     position, seen = weighed(logarithms, places, covariances)
-    calibration = np.zeros((3, 3))
+    calibration, open_gap = np.zeros((3, 3)), 0.0
     if (errors := errors_of(rig)) is not None:
         across = [one.sight.across for one in (left, right)]
         radius_mm = float(np.linalg.norm(near - rig.left.center_mm) * np.sin(left.half_angle))
-        off = gains @ errors.of_places(rig, near, across, radius_mm) @ gains.transpose(0, 2, 1)
-        _, calibration = weighed(logarithms, np.zeros_like(places), off)
-    return StereoSphere(position, seen + calibration, calibration, gap_mm, left, right)
+        of_both = errors.of_places(rig, near, across, radius_mm)
+        _, calibration = weighed(logarithms, np.zeros_like(places), gains @ of_both @ gains.transpose(0, 2, 1))
+        open_gap = float(missed.apart @ of_both @ missed.apart)
+    squares = missed.by**2 / (missed.variances + open_gap)
+    gap_sds = float(np.sqrt(np.average(squares, weights=np.exp(logarithms - logarithms.max()))))
+    return StereoSphere(position, seen + calibration, calibration, gap_mm, gap_sds, left, right)
 
 
 def _seen(rig: StereoRig, left: Found, right: Found) -> tuple[tuple[Camera, Found], tuple[Camera, Found]]:
@@ -249,11 +245,11 @@ def _nearest(rig: StereoRig, directions: FloatArray) -> FloatArray:
 
 def _in_each_light(
     rig: StereoRig, left: Outline, right: Outline, near: FloatArray, lamp_sd_deg: float
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, _Missed]:
     """Return the logarithm of each light's probability (H), and the position (H, 3) and covariance (H, 3, 3) in it.
 
-    The last is how the position follows the places in both images (H, 3, 4). Minimizes what these are off, in units of
-    their covariance, linear about the position ``near``. In the right light the lines of sight meet.
+    Then how the position follows the places in both images (H, 3, 4), and how the lines of sight miss. Minimizes what
+    places are off, in units of their covariance, linear about the position ``near``. In the right light lines meet.
     """
     lights = in_each_light((left.sight, right.sight), lamp_sd_deg)
     seen = [one.sight.seen(near - camera.center_mm) for camera, one in _seen(rig, left, right)]
@@ -265,6 +261,10 @@ def _in_each_light(
     gains = covariances @ weights
     moves = (gains @ misfit[:, :, None])[:, :, 0]
     apart = np.linalg.svd(slope)[0][:, 3]  # what no position explains
-    missed = apart @ spread @ apart + RIG_PX**2 / (rig.left.focal_px * rig.right.focal_px)
-    logarithms = lights.logarithms + fit((misfit @ apart)[:, None], missed[:, None, None])
-    return logarithms, near + moves, covariances, gains
+    missed = _Missed(
+        apart,
+        misfit @ apart,
+        apart @ spread @ apart + RIG_PX**2 / (rig.left.focal_px * rig.right.focal_px),
+    )
+    logarithms = lights.logarithms + fit(missed.by[:, None], missed.variances[:, None, None])
+    return logarithms, near + moves, covariances, gains, missed
