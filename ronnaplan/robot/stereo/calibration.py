@@ -15,7 +15,9 @@ from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.hand_eye import require_two_axes
 from ronnaplan.robot.stereo.board import grid_mm, quarters_apart, recounted, seen_by_both
 from ronnaplan.robot.stereo.calibration_errors import MEASURE_SQUARES, judged, known_share, with_exact_squares
+from ronnaplan.robot.stereo.calibration_fit import UNDETERMINED as BOARDS_UNDETERMINED
 from ronnaplan.robot.stereo.calibration_fit import fitted
+from ronnaplan.robot.stereo.calibration_slip import require_rest
 from ronnaplan.robot.stereo.camera import RIG, Boards, Camera, StereoRig
 from ronnaplan.robot.stereo.circles import Image
 from ronnaplan.robot.stereo.sphere import StereoSphere
@@ -104,8 +106,9 @@ def calibrate_on_board(
     """Return both cameras from simultaneous images of a chessboard with ``corners`` inner corners (columns, rows).
 
     ``sigma_square`` is the standard error of ``square_mm``, as a part of it, which no image shows. Images in which
-    either camera does not see the whole board are left out. Raises `InputError` if fewer than
-    `FEWEST_BOARDS` remain, they hardly tilt against each other, or the images' sizes differ.
+    either camera does not see the whole board are left out; the others are in the order of their time. Raises
+    `InputError` if fewer than `FEWEST_BOARDS` remain, they hardly tilt against each other, or the images' sizes differ,
+    and `RefusedError` if one camera moved against the other meanwhile.
     """
     import cv2
 
@@ -137,6 +140,9 @@ def calibrate_on_board(
         Camera(_floats(k_right), _floats(d_right).ravel(), invert(right_from_left), size),
     )
     fit = fitted(cameras, list(zip(firsts, seconds, strict=True)), corners, square_mm)
+    require_rest(fit)  # else a slip may be what leaves the fit unsettled
+    if not fit.settled:
+        raise InputError(BOARDS_UNDETERMINED)
     return StereoCalibration(*fit.cameras, fit.rms_px, judged(fit, square_mm, sigma_square))
 
 

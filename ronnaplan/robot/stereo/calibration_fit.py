@@ -71,6 +71,8 @@ class Fit:
     """(N, 4, 4)."""
     residuals_px: FloatArray
     """(N, 2, K, 2): what was seen, less what is modelled."""
+    settled: bool = True
+    """Whether a further step would move nothing."""
 
     @property
     def rms_px(self) -> float:
@@ -86,48 +88,30 @@ def fitted(
 ) -> Fit:
     """Return cameras and a board's shape that fit its corners as ``seen`` (K, 1, 2) best, near flat and ``cameras``.
 
-    Raises `InputError` where the boards leave them open.
+    Raises `InputError` where the boards leave them open; what has not settled after all steps may be, too.
     """
     grid = grid_mm(corners, square_mm)
-    for _ in range(STEPS):
+    for step in range(STEPS):
         placed = [_placed(cameras, pair, grid) for pair in seen]
         places, residuals = (np.array(one) for one in zip(*placed, strict=True))
         fit = Fit(cameras, corners, grid, places, residuals)
         told = told_by(fit)
-        if told.moved_px < FITTED_PX:
-            return fit
+        settled = told.moved_px < FITTED_PX
+        if settled or step == STEPS - 1:
+            break
         left, right = (_stepped(one, told.step[FREE * k :][:FREE]) for k, one in enumerate(cameras))
         rig = invert(left.rig_from_camera)
         cameras = _carried(left, rig), _carried(right, rig)
         grid = grid + shapes(corners) @ told.step[CAMERAS:]
-    raise InputError(UNDETERMINED)
+    return replace(fit, settled=settled)
 
 
 def told_by(fit: Fit) -> Told:
     """Return what the boards of ``fit`` tell of both cameras and their own shape."""
-    by_shape = shapes(fit.corners)
-    count = CAMERAS + by_shape.shape[2]
-    total = np.zeros((count + 2 * FIELDS + 1,) * 2)
-    held = np.zeros((6, total.shape[0]))
-    for place, residual in zip(fit.rig_from_board, fit.residuals_px, strict=True):
-        points = fit.grid_mm @ place[:3, :3].T + place[:3, 3]
-        carried, bent = point_jacobian(points), place[:3, :3] @ by_shape
-        rows = np.zeros((2, len(points), 2, total.shape[0]))
-        board = np.zeros((2, len(points), 2, 6))
-        for k, camera in enumerate(fit.cameras):
-            pixels, by_camera, by_point = shown_by(camera, points)
-            rows[k, :, :, FREE * k : FREE * (k + 1)] = by_camera
-            rows[k, :, :, CAMERAS:count] = by_point @ bent
-            first = count + FIELDS * k
-            rows[k, :, :, first : first + FIELDS] = fields_of(camera, pixels)
-            rows[k, :, :, -1] = residual[k]
-            board[k] = by_point @ carried
-        flat, base = rows.reshape(-1, total.shape[0]), board.reshape(-1, 6)
-        follows = np.linalg.lstsq(base, flat, rcond=None)[0]
-        flat = flat - base @ follows
-        total += flat.T @ flat
-        held -= np.einsum("kij,kil->jl", carried, carried) @ follows
-        held[:, CAMERAS:count] += np.einsum("kij,kil->jl", carried, bent)
+    by_board = [_told_of_board(fit, n) for n in range(len(fit.rig_from_board))]
+    total = np.sum([own for own, _ in by_board], axis=0)
+    held = np.sum([moves for _, moves in by_board], axis=0)
+    count = len(total) - 2 * FIELDS - 1
     inverse = _held_inverse(total[:count, :count], held[:, :count])
     followed = inverse @ total[:count, count:]
     left = total[count:, count:] - total[count:, :count] @ followed
@@ -139,6 +123,38 @@ def told_by(fit: Fit) -> Told:
     return Told(
         inverse, followed[:, :-1], step, left[:-1, :-1], left[:-1, -1], float(left[-1, -1]), moved_px, free
     )
+
+
+def sums_by_board(fit: Fit) -> FloatArray:
+    """Return each board's sums (N, P + 2 F + 1) both ways, of what is fitted, the fields and the residuals.
+
+    They are of what is left once the board is where it fits best; the sum over all is what `told_by` solves.
+    """
+    return np.array([_told_of_board(fit, n)[0] for n in range(len(fit.rig_from_board))])
+
+
+def _told_of_board(fit: Fit, number: int) -> tuple[FloatArray, FloatArray]:
+    """Return the sums of one board, and how it follows what is fitted as a whole (6, P + 2 F + 1)."""
+    place, residual, by_shape = fit.rig_from_board[number], fit.residuals_px[number], shapes(fit.corners)
+    count = CAMERAS + by_shape.shape[2]
+    points = fit.grid_mm @ place[:3, :3].T + place[:3, 3]
+    carried, bent = point_jacobian(points), place[:3, :3] @ by_shape
+    rows = np.zeros((2, len(points), 2, count + 2 * FIELDS + 1))
+    board = np.zeros((2, len(points), 2, 6))
+    for k, camera in enumerate(fit.cameras):
+        pixels, by_camera, by_point = shown_by(camera, points)
+        rows[k, :, :, FREE * k : FREE * (k + 1)] = by_camera
+        rows[k, :, :, CAMERAS:count] = by_point @ bent
+        first = count + FIELDS * k
+        rows[k, :, :, first : first + FIELDS] = fields_of(camera, pixels)
+        rows[k, :, :, -1] = residual[k]
+        board[k] = by_point @ carried
+    flat, base = rows.reshape(-1, rows.shape[3]), board.reshape(-1, 6)
+    follows = np.linalg.lstsq(base, flat, rcond=None)[0]
+    flat = flat - base @ follows
+    held = -np.einsum("kij,kil->jl", carried, carried) @ follows
+    held[:, CAMERAS:count] += np.einsum("kij,kil->jl", carried, bent)
+    return flat.T @ flat, held
 
 
 def _with_boards(held: FloatArray, moved: FloatArray) -> FloatArray:
