@@ -16,7 +16,7 @@ from ronnaplan.robot.hand_eye import require_two_axes
 from ronnaplan.robot.stereo.board import grid_mm, quarters_apart, recounted, seen_by_both
 from ronnaplan.robot.stereo.calibration_errors import MEASURE_SQUARES, judged, known_share, with_exact_squares
 from ronnaplan.robot.stereo.calibration_fit import UNDETERMINED as BOARDS_UNDETERMINED
-from ronnaplan.robot.stereo.calibration_fit import fitted
+from ronnaplan.robot.stereo.calibration_fit import Fit, fitted
 from ronnaplan.robot.stereo.calibration_slip import require_rest
 from ronnaplan.robot.stereo.camera import RIG, Boards, Camera, StereoRig
 from ronnaplan.robot.stereo.circles import Image
@@ -140,10 +140,15 @@ def calibrate_on_board(
         Camera(_floats(k_right), _floats(d_right).ravel(), invert(right_from_left), size),
     )
     fit = fitted(cameras, list(zip(firsts, seconds, strict=True)), corners, square_mm)
-    require_rest(fit)  # else a slip may be what leaves the fit unsettled
+    _require_told(fit)
+    return StereoCalibration(*fit.cameras, fit.rms_px, judged(fit, square_mm, sigma_square))
+
+
+def _require_told(fit: Fit) -> None:
+    """Raise an error where a camera moved, which may leave a ``fit`` unsettled, or where boards leave it open."""
+    require_rest(fit)
     if not fit.settled:
         raise InputError(BOARDS_UNDETERMINED)
-    return StereoCalibration(*fit.cameras, fit.rms_px, judged(fit, square_mm, sigma_square))
 
 
 def calibrate_tcp(robot_from_tcp: ArrayLike, spheres_mm: ArrayLike) -> TcpCalibration:

@@ -112,17 +112,22 @@ def locate_sphere(
         why = _other_size(met, rig, diameter_mm) or left_open(kept, rig, diameter_mm, largest_mm)
         why = why or advice(lefts, rights, bool(meeting[0]))
         raise InputError(f"no sphere of {diameter_mm:g} mm is seen by both cameras ({counts}){why}")
-    if len(found) > 1:
-        raise RefusedError(
-            f"{len(found)} spheres of {diameter_mm:g} mm are seen by both cameras; expected one, so take the others "
-            "out of sight"
-        )
+    _require_one(found, diameter_mm)
     both = (left, right), (rig.left, rig.right), (found[0].left, found[0].right)
     require_linear(*both)
     require_one_moment(*both)
     _require_met(found[0], rig)
     _require_known(found[0], rig, diameter_mm, largest_mm)
     return found[0]
+
+
+def _require_one(found: list[StereoSphere], diameter_mm: float) -> None:
+    """Raise `RefusedError` where more than one sphere was ``found``."""
+    if len(found) > 1:
+        raise RefusedError(
+            f"{len(found)} spheres of {diameter_mm:g} mm are seen by both cameras; expected one, so take the others "
+            "out of sight"
+        )
 
 
 @dataclass(frozen=True, eq=False)
