@@ -28,6 +28,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.correspondence import describe_layout, match_points
     from ronnaplan.errors import InputError
     from ronnaplan.localization import common_diameter, localize
+    from ronnaplan.localization.fit.skin import share_on_skin
 
     if homeless:
         raise InputError(
@@ -37,6 +38,8 @@ def run(arguments: argparse.Namespace) -> int:
         scan = made_scan(whole=whole)
         common_diameter(scan)
         found = localize(scan, diameter_mm=DIAMETER_MM, expected=len(MARKERS_MM))
+    # What is held by more than a post, as nothing here is, is asked whether it lies on skin.
+    share_on_skin(next(iter(found)).parameters, 1000.0)
     describe_layout(NEARLY_A_SQUARE_MM).refusal_probability()
     both = found.centers, found.centers[::-1].copy()
     match_points(*both, covariances_ct_mm2=found.covariances, covariances_ots_mm2=found.covariances)

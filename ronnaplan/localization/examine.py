@@ -25,6 +25,7 @@ from ronnaplan.localization.judge.evidence import Evidence, Usual
 from ronnaplan.localization.judge.motion import Movement
 from ronnaplan.localization.judge.noise import noise_level
 from ronnaplan.localization.judge.rim import without_the_rim
+from ronnaplan.localization.judge.sunk import is_surely_attached
 from ronnaplan.localization.judge.uncertainty import by_excess, cramer_rao_bound
 from ronnaplan.localization.scanner.hardened import MadeGood, without_the_head
 from ronnaplan.localization.scanner.scan import Scan
@@ -215,7 +216,7 @@ def _fit_as_summed(
 ) -> tuple[BallFit, MadeGood]:
     """Fit a ball with what rays lose that were summed first made good; return it, and what is left to make good.
 
-    Where no fit comes to rest, so is what scatter does.
+    Where no fit comes to rest, so is what scatter does. Nothing is left of what surely is no ball.
     """
     reach_mm = 0.625 * diameter_mm + max(build.layer_mm, 0.0) + margin_mm(scan.widest_mm)
     around = gather(scan.volume, center_mm, reach_mm, scan.axes, scan.ceiling_hu)
@@ -227,11 +228,11 @@ def _fit_as_summed(
     fit = fitted(around)
     if made_good is MadeGood.ALL:
         fit = brought_to_rest(scan.volume, around, fit, fitted)
-    if not (scan.summed.first and fit.converged and not fit.is_clipped):
-        return fit, made_good
-    whole = fit.neighbourhood.given_back(lost_to_summing_hu(scan.volume, fit))
-    left = MadeGood.BUT_ROWS if made_good is MadeGood.ALL else made_good  # all that rows add up was made good here
-    return fitted(whole), left
+    if scan.summed.first and fit.converged and not fit.is_clipped:
+        fit = fitted(fit.neighbourhood.given_back(lost_to_summing_hu(scan.volume, fit)))
+        if made_good is MadeGood.ALL:
+            made_good = MadeGood.BUT_ROWS  # all that rows add up was made good here
+    return fit, MadeGood.NOTHING if is_surely_attached(scan.volume, fit) else made_good
 
 
 def examine_place(

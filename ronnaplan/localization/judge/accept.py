@@ -12,10 +12,9 @@ from ronnaplan.localization.fit.descent import BLUR_BOUNDS_MM, MAX_CONTRAST_HU, 
 from ronnaplan.localization.fit.directions import MAX_RAGGED
 from ronnaplan.localization.fit.model import has_streaks
 from ronnaplan.localization.fit.parameters import BACKGROUND, CENTER, WIDTH
-from ronnaplan.localization.fit.skin import face_hu, share_on_skin
 from ronnaplan.localization.judge.evidence import Evidence
 from ronnaplan.localization.judge.pasted import LEAST_ROUND, PUT_BACK, left_out_hu
-from ronnaplan.localization.judge.sunk import lies_in_a_face
+from ronnaplan.localization.judge.sunk import most_attached
 from ronnaplan.localization.judge.whole import what_is_missing
 from ronnaplan.localization.search.detect import MIN_CONTRAST_HU
 
@@ -47,14 +46,9 @@ ROUND_WIDTH, THIN_SHARE = 0.3, 0.25
 profile's width beyond this share of the diameter, of what is not attached to skin. In 5 mm slices, markers of 11.5 mm
 on posts show 0.89 and more."""
 
-MAX_ATTACHED, SKIN_MARGIN = 0.14, 0.03
-"""A post is attached to a small part of a marker's surface (a post of 4 mm to 3 % of one of 11.5 mm), skin that it lies
-on to no more than a plane would be and this margin (to 12 % of one of 11.5 mm, to 23 % of one of 4 mm); a capsule or a
-rod goes on in far more of it."""
-
-MAX_SUNK, SUNK_RAGGED = 0.3, 0.09
-"""... but for a bar or a plate that it is sunk into by up to a quarter of its diameter, which goes on beside it. All
-the rest of it is round then, but for the second: balls show 0.08, studs with round ends 0.10 and more."""
+SUNK_RAGGED = 0.09
+"""Of a ball that is sunk into a bar or a plate (`judge.sunk`) all the rest is round, but for this share: balls show
+0.08, studs with round ends 0.10 and more."""
 
 POST_SHARE, RAGGED_WIDTH = 0.08, 0.1
 """What is attached to more of a marker's surface than the first is thicker than any post; if skin, all the rest is
@@ -204,18 +198,16 @@ def _coverage(evidence: Evidence) -> str | None:
 
 
 def _free(evidence: Evidence) -> str | None:
-    fit, verdict = evidence.fit, evidence.verdict
+    verdict = evidence.verdict
     attached = verdict.attached_share
-    # Of a ball that is at the scale's end itself nobody knows whether what it touches is brighter.
-    end_hu = math.inf if fit.is_clipped else fit.ceiling_hu - float(fit.theta[BACKGROUND])
-    bright_hu = face_hu(verdict.excess_hu, fit.contrast_hu, end_hu)
-    allowed, ragged = max(MAX_ATTACHED, share_on_skin(fit.theta, bright_hu) + SKIN_MARGIN), MAX_RAGGED
-    if allowed < attached <= MAX_SUNK and lies_in_a_face(evidence.volume, fit, verdict.excess_hu):
-        allowed, ragged = MAX_SUNK, SUNK_RAGGED
+    if attached <= POST_SHARE:
+        return None
+    allowed, is_sunk = most_attached(evidence.volume, evidence.fit)
     if attached > allowed:
         return f"{attached:.0%} of its surface is attached to something as bright, {allowed:.0%} allowed"
+    ragged = SUNK_RAGGED if is_sunk else MAX_RAGGED
     ragged += RAGGED_WIDTH * _thickness_beyond(evidence)
-    if attached <= POST_SHARE or verdict.ragged_share <= ragged:
+    if verdict.ragged_share <= ragged:
         return None
     return (
         f"it goes on into something as bright, and {verdict.ragged_share:.0%} of its surface beside that is no "
