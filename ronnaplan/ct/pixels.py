@@ -152,15 +152,19 @@ def _rescale(stored: Stored, image: SliceImage, target: Voxels, padded: NDArray[
             )
         return
     seen = stored if padded is None else stored[~padded]
-    if seen.size:
-        ends = int(seen.min()) * slope + intercept, int(seen.max()) * slope + intercept
-        if min(ends) < INT16.min or max(ends) > INT16.max:
+    for bound, end in zip(stored_range(image.pixels), (np.min, np.max), strict=True):
+        # What a scanner's 12 bits or an intercept below zero cannot bring beyond int16 is not looked at.
+        if not _fits(bound * slope + intercept) and seen.size and not _fits(int(end(seen)) * slope + intercept):
             raise DoesNotFitError
     np.copyto(target, stored, casting="unsafe")
     if slope != 1.0:
         target *= _modulo_int16(slope)
     if intercept != 0.0:
         target += _modulo_int16(intercept)
+
+
+def _fits(value: float) -> bool:
+    return bool(INT16.min <= value <= INT16.max)
 
 
 def _modulo_int16(value: float) -> np.int16:
