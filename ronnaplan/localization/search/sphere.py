@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.ct.volume import CTVolume
@@ -93,27 +94,52 @@ def _falls(
     center: FloatArray, radius: float, directions: FloatArray, is_hollow: bool, lookup: Lookup
 ) -> FloatArray:
     """Return, from the center, the places (N, 3) at which the image first falls to half its step, where it does."""
-    reach = np.linspace(0.3, 1.8, BALL_RADII)
-    values, places = np.empty((BALL_RADII, len(directions))), np.empty_like(directions)
-    start, highest = 0, -np.inf
+    reach, values = np.linspace(0.3, 1.8, BALL_RADII), np.empty((BALL_RADII, len(directions)))
+    start, highest, last, left = 0, -np.inf, BALL_RADII - 1, np.arange(len(directions))
     for r in range(BALL_RADII):
         reach[r] *= radius
-        for n in range(len(directions)):
-            _go(directions[n], reach[r], places[n])
-        fill_nearest(center, places, *lookup, values[r])
+        if is_hollow or r in (0, last):
+            _look(center, directions, reach[r], left, lookup, values[r])
         usual = quantile(values[r], 0.5) if is_hollow else -np.inf
         if usual > highest:  # what is hollow is dark within
             start, highest = r, usual
-    level = (quantile(values[start], 0.5) + quantile(values[-1], BACKGROUND_QUANTILE)) / 2.0
-    count = 0
+    level = (quantile(values[start], 0.5) + quantile(values[last], BACKGROUND_QUANTILE)) / 2.0
+    fallen = np.zeros(len(directions), np.intp)
+    for r in range(start, BALL_RADII):
+        if not is_hollow and 0 < r < last:  # farther out only where it has not fallen yet
+            _look(center, directions, reach[r], left, lookup, values[r])
+        count = 0
+        for way in left:
+            if values[r, way] < level:
+                fallen[way] = r
+            else:
+                left[count] = way
+                count += 1
+        left = left[:count]
+    places, count = np.empty_like(directions), 0
     for n in range(len(directions)):
-        first = start
-        while first < BALL_RADII and not values[first, n] < level:
-            first += 1
-        if start < first < BALL_RADII:
-            _go(directions[n], reach[first] - (reach[1] - reach[0]) / 2.0, places[count])
+        if fallen[n] > start:
+            _go(directions[n], reach[fallen[n]] - (reach[1] - reach[0]) / 2.0, places[count])
             count += 1
     return places[:count].copy()
+
+
+@njit(cache=True, nogil=True)
+def _look(
+    center: FloatArray,
+    directions: FloatArray,
+    far: float,
+    some: NDArray[np.intp],
+    lookup: Lookup,
+    values: FloatArray,
+) -> None:
+    """Fill ``values`` (N,) with what is seen so far from the center in ``some`` (M,) of the directions (N, 3)."""
+    places, seen = np.empty((len(some), 3)), np.empty(len(some))
+    for m in range(len(some)):
+        _go(directions[some[m]], far, places[m])
+    fill_nearest(center, places, *lookup, seen)
+    for m in range(len(some)):
+        values[some[m]] = seen[m]
 
 
 @njit(cache=True, nogil=True)
