@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,8 @@ class BallFit:
     The rest is pulled by a screw that crosses its slices (`judge.crossed`), or by a socket's rim (`judge.rim`)."""
     drawn: BallFit | None = None
     """The fit by the whole of a ball in a socket, whose rim draws it."""
+    told: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
+    """What was told of this very fit and is asked again, by what tells it."""
 
     @property
     def center_mm(self) -> FloatArray:
@@ -125,7 +128,8 @@ class BallFit:
     @property
     def coverage(self) -> float:
         """Share that informed the fit of the ball's directions that hold voxels, or do so near a holder's faces."""
-        of_seen = float(np.sum(self.verdict.state == 1) / max(int(np.sum(self.verdict.state >= 0)), 1))
+        informed, seen = (int(np.count_nonzero(self.verdict.state >= least)) for least in (1, 0))
+        of_seen = informed / max(seen, 1)
         return of_seen * (1.0 - self.neighbourhood.ending_share)
 
     @cached_property

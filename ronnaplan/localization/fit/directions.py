@@ -117,12 +117,12 @@ class Verdict:
     def round_share(self) -> float:
         """Share of the directions seen whose edge is where the ball's should be."""
         off = np.abs(self.off_share[self.state >= 0])
-        return float(np.mean(off <= 1.0)) if len(off) else 0.0
+        return np.count_nonzero(off <= 1.0) / len(off) if len(off) else 0.0
 
     @property
     def ragged_share(self) -> float:
         """Share of the directions seen in which there is neither a sphere's edge nor a body that goes on outward."""
-        seen = float(np.mean(self.state >= 0))
+        seen = np.count_nonzero(self.state >= 0) / len(self.state)
         return 1.0 - self.round_share - (self.attached_share / seen if seen > 0.0 else 0.0)
 
     def in_noise(self, noise_hu: float) -> Verdict:

@@ -8,6 +8,7 @@ import numpy as np
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.fit.algebra import quantile
 from ronnaplan.localization.fit.cells import CELL_COUNT, cell_directions
 from ronnaplan.localization.fit.depth import SURFACE_BLURS, reach_mm
 from ronnaplan.localization.fit.descent import Prior
@@ -104,7 +105,7 @@ def is_mount(on_skin: Verdict, plain: Verdict, seen_hu: float) -> bool:
 
     That touches few of the directions, as a fit without skin told, and it is darker than skin would be beside it.
     """
-    is_dark = float(np.quantile(on_skin.excess_hu, DARK_QUANTILE)) < -NEIGHBOUR_SHARE * seen_hu
+    is_dark = quantile(on_skin.excess_hu, DARK_QUANTILE) < -NEIGHBOUR_SHARE * seen_hu
     return is_dark and float(plain.beside.mean()) <= MOST_HELD
 
 
@@ -128,7 +129,7 @@ def face_hu(excess_hu: FloatArray, contrast_hu: float, end_hu: float = math.inf)
     attached_hu = excess_hu[excess_hu > ATTACHED_SHARE * contrast_hu]
     if not len(attached_hu):
         return 0.0
-    read_hu = float(np.quantile(attached_hu, FACE_QUANTILE))
+    read_hu = quantile(attached_hu, FACE_QUANTILE)
     return max(read_hu, STEEL_HU) if read_hu >= FACE_AT_END * end_hu else read_hu
 
 
@@ -173,7 +174,7 @@ def with_skin(
     added = Prior.of(skin, spread, prior.layer_mm)
     if has_streaks(theta):
         added.weight[1:] = (METAL_SKIN_HOLD * theta[CONTRAST] * theta[RADIUS]) ** 2
-    lowest = float(np.quantile(around.values_hu, AIR_QUANTILE))
+    lowest = quantile(around.values_hu, AIR_QUANTILE)
     start = np.concatenate([theta[:BACKGROUND], [lowest, 0.0, 0.0, 0.0], theta[len(PARAMETERS) :], skin])
     return start, prior.extended(added)
 
@@ -186,4 +187,4 @@ def _toward(verdict: Verdict) -> FloatArray:
 
 def _level_beside(verdict: Verdict) -> float:
     """How bright the neighbours are, in HU over the background; partial voxels make some look fainter."""
-    return float(np.quantile(verdict.excess_hu[verdict.beside], SKIN_QUANTILE))
+    return quantile(verdict.excess_hu[verdict.beside], SKIN_QUANTILE)

@@ -7,6 +7,7 @@ astray: so several are taken, and the best is kept.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +66,11 @@ class Candidate:
     start: FloatArray
     prior: Prior
 
+    @cached_property
+    def glimpse(self) -> Neighbourhood:
+        """The few, none brighter than the ball may be."""
+        return self.dimmed.select(self.few)
+
     def first_look(self) -> Look:
         """Let the center find its place with the shape held, from every guess."""
         looks = [self._held_look(guess) for guess in first_guesses(self.start, self.around.pixel_mm)]
@@ -72,14 +78,14 @@ class Candidate:
 
     def steady_look(self) -> Look | None:
         """Look by the directions alone that agree with the first guess, before an even background; None if no ball."""
-        start, prior, some = self.start, self.prior, self.dimmed.select(self.few)
+        start, prior = self.start, self.prior
         verdict, agreeing = judge_directions(self.around.select(self.few), start, prior.layer_mm)
         if (
             verdict.usual_rms_hu > HOPELESS_MISFIT * start[CONTRAST]
             or np.mean(verdict.state == 1) < LEAST_AGREEING
         ):
             return None
-        theta, _ = descend(some.select(agreeing), start, steady(prior, start), LOOK)
+        theta, _ = descend(self.glimpse.select(agreeing), start, steady(prior, start), LOOK)
         told = judge_directions(self.around, theta, prior.layer_mm)
         return (theta, told) if told[0].round_share >= HOPELESS_ROUND else None
 
@@ -99,7 +105,7 @@ class Candidate:
         return look if is_hopeless else candidate._freed_look(look)
 
     def _held_look(self, theta: FloatArray) -> Look:
-        theta, _ = descend(self.dimmed.select(self.few), theta, frozen(self.prior, theta), LOOK)
+        theta, _ = descend(self.glimpse, theta, frozen(self.prior, theta), LOOK)
         return theta, judge_directions(self.around, theta, self.prior.layer_mm)
 
     def _freed_look(self, look: Look) -> Look:
@@ -111,17 +117,17 @@ class Candidate:
         """
         held, before = look
 
-        def freed(voxels: NDArray[np.bool_]) -> Look:
-            theta, _ = descend(self.dimmed.select(voxels), held, self.prior, LOOK)
+        def freed(voxels: Neighbourhood) -> Look:
+            theta, _ = descend(voxels, held, self.prior, LOOK)
             is_given_up = is_no_marker(theta, self.prior.mean)  # then what was told last will do
             return theta, before if is_given_up else judge_directions(self.around, theta, self.prior.layer_mm)
 
-        theta, told = freed(self.few)
+        theta, told = freed(self.glimpse)
         misfit = before[0].usual_rms_hu / held[CONTRAST]
         is_better = told is not before and told[0].usual_rms_hu <= misfit * theta[CONTRAST]
         if misfit > HOPELESS_MISFIT or (is_better and told[0].round_share >= LOOKS_ROUND):
             return theta, told
-        other, other_told = freed(self.few & before[1])
+        other, other_told = freed(self.dimmed.select(self.few & before[1]))
         is_ball = before[0].round_share >= HOPELESS_ROUND or other_told[0].ragged_share <= MAX_RAGGED
         is_rounder = not is_better or other_told[0].round_share > told[0].round_share
         return (other, other_told) if other_told is not before and is_ball and is_rounder else (theta, told)

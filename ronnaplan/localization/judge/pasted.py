@@ -11,6 +11,7 @@ import numpy as np
 
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.fit.algebra import quantile
 from ronnaplan.localization.fit.neighbourhood import gather
 
 BESIDE_MM = 1.0
@@ -39,7 +40,7 @@ def left_out_hu(
     around_hu = gather(volume, center_mm, diameter_mm / 2.0 + BESIDE_MM, axes).values_hu
     if len(around_hu) < LEAST_VOXELS or around_hu.max() < LEAST_METAL_HU:
         return None
-    low_hu, high_hu = np.quantile(around_hu, LEVELS)
+    low_hu, high_hu = (quantile(around_hu, share) for share in LEVELS)
     between_hu = np.sort(around_hu[(around_hu >= low_hu) & (around_hu <= high_hu)])
     widest = int(np.argmax(np.diff(between_hu)))
     below_hu, above_hu = float(between_hu[widest]), float(between_hu[widest + 1])

@@ -67,16 +67,15 @@ class Scan:
         stated_mm = self._stated_mm
         if not grid.spacings_mm.size:
             return np.full(centers_mm.shape[:-1], stated_mm or grid.row_spacing_mm)
-        gaps_mm = self._wide_gaps_mm
         above = np.searchsorted(grid.slice_positions_mm, centers_mm @ grid.normal)
-        thickness_mm: FloatArray = np.maximum(gaps_mm[np.clip(above - 1, 0, len(gaps_mm) - 1)], stated_mm)
+        thickness_mm: FloatArray = np.maximum(self._wide_gaps_mm[above], stated_mm)
         return thickness_mm
 
     @cached_property
     def _wide_gaps_mm(self) -> FloatArray:
-        """The widest of each gap (K - 1,) and its neighbours."""
+        """The widest of each gap and its neighbours, below the first slice and above the last one, too (K + 1,)."""
         padded_mm = np.pad(self.volume.grid.spacings_mm, 1, mode="edge")
-        widest_mm: FloatArray = sliding_window_view(padded_mm, 3).max(axis=1)
+        widest_mm: FloatArray = np.pad(sliding_window_view(padded_mm, 3).max(axis=1), 1, mode="edge")
         return widest_mm
 
     @property

@@ -40,6 +40,8 @@ def jump_at_one_height(heights_mm: FloatArray, radii_mm: FloatArray, movements: 
     for jump_mm in (heights_mm[:, np.newaxis] + radii_mm[:, np.newaxis] * SHARES).ravel():
         shares = (jump_mm - heights_mm) / radii_mm
         crossed, beyond = np.abs(shares) <= REACH, np.abs(shares) > 1.0
+        if np.count_nonzero(crossed) < LEAST_CROSSED:
+            continue
         at = np.abs(shares[crossed, np.newaxis] - SHARES).argmin(axis=1)
         for axis in range(AXES):
             told = amplitudes[..., axis], errors[..., axis]
