@@ -208,7 +208,7 @@ def scale_of_errors(chance: Chance, pose: PairedPose) -> float:
     problem, scale = chance.problem, 1.0
     for _ in range(SCALE_ROUNDS):
         reach = scale * PAIR_SIGMAS * problem.sigma_mm
-        grid = point_grid(problem.ots, problem.sigma_mm, reach)
+        grid = point_grid(problem.ots, problem.sigma_mm, reach, reach)
         (matrix,), (partner,) = refined(problem.ct, problem.ots, grid, pose.matrix[None], np.full(3, reach))
         pairs = pairs_of(partner)
         larger = replace(chance, problem=problem.with_errors(2.0 * scale))

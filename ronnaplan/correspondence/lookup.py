@@ -13,7 +13,7 @@ from ronnaplan.correspondence.graph import distances
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.geometry import FloatArray
 
-Grid = tuple[IntArray, IntArray, NDArray[np.int16], FloatArray, FloatArray]
+Grid = tuple[NDArray[np.int32], IntArray, NDArray[np.int16], FloatArray, FloatArray]
 """Points sorted into cells, see `point_grid`.  Kernels hand its parts on one by one: to unpack it takes as long as
 to look a point up."""
 
@@ -26,6 +26,9 @@ that so many reach the longest distance."""
 
 FAR_MM = 1e9
 """Where the point stands that is no point."""
+
+ROUNDING_MM = 1e-6
+"""What is as near as a point that is known is looked for so much farther."""
 
 LEAST_CELL_SIGMAS = 2.5
 """No cell for `nearest` is smaller than so many standard deviations."""
@@ -75,11 +78,12 @@ def row_starts(row_sorted: FloatArray, step: float) -> NDArray[np.int16]:
     return start
 
 
-def point_grid(points: FloatArray, sigma_mm: float, reach_mm: float) -> Grid:
+def point_grid(points: FloatArray, sigma_mm: float, reach_mm: float, farthest_mm: float) -> Grid:
     """Return points (m, 3) sorted into cells for `nearest`, and who is within ``reach_mm`` of each cell.
 
     Each cell's start, the points in that order, who is near each cell, the points and one that is far away, and the
-    cells: where they begin (x, y, z), how large they are, and their numbers along the axes.
+    cells: where they begin (x, y, z), how large they are, their numbers along the axes, and ``farthest_mm``, within
+    which of a cell nobody is where no one is near it.
     """
     low = points.min(axis=0) - reach_mm
     extent = np.ptp(points, axis=0) + 2.0 * reach_mm
@@ -87,28 +91,24 @@ def point_grid(points: FloatArray, sigma_mm: float, reach_mm: float) -> Grid:
     cell = max(LEAST_CELL_SIGMAS * sigma_mm, float(extent.max()) / most)
     shape = (extent / cell).astype(np.int64) + 1
     start, order, near = fill_grid(points, low, cell, shape, reach_mm)
-    cells = np.array([*low, cell, *shape])
+    add_farther(points, low, cell, near, farthest_mm)
+    cells = np.array([*low, cell, *shape, farthest_mm])
     return start, order, near.ravel(), np.vstack((points, np.full(3, FAR_MM))), cells
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fill_grid(
     points: FloatArray, low: FloatArray, cell: float, shape: IntArray, reach: float
-) -> tuple[IntArray, IntArray, NDArray[np.int16]]:
+) -> tuple[NDArray[np.int32], IntArray, NDArray[np.int16]]:
     """Sort points into cubic cells: each cell's start, the points in that order, and who is near each cell.
 
     The last is the point nearest to the cell's middle, the number of points where none comes within ``reach`` of it.
     """
-    count = np.zeros(shape[0] * shape[1] * shape[2] + 1, np.int32)
+    start = np.zeros(shape[0] * shape[1] * shape[2] + 1, np.int32)
     near = np.full((shape[0], shape[1], shape[2]), len(points), np.int16)
-    home, at = np.empty(len(points), np.int64), np.empty(3, np.int64)
-    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
+    home, first, last = np.empty(len(points), np.int64), np.empty(3, np.int64), np.empty(3, np.int64)
     for p in range(len(points)):
-        for d in range(3):
-            place = points[p, d] - low[d]
-            at[d] = int(place / cell)
-            first[d] = max(int((place - reach) / cell), 0)
-            last[d] = min(int((place + reach) / cell), shape[d] - 1)
+        cells_within(points[p], low, cell, near.shape, reach, first, last)
         for a in range(first[0], last[0] + 1):
             for b in range(first[1], last[1] + 1):
                 for c in range(first[2], last[2] + 1):
@@ -116,15 +116,51 @@ def fill_grid(
                     q = near[a, b, c]
                     if q == len(points) or square_to(points, p, x, y, z) < square_to(points, q, x, y, z):
                         near[a, b, c] = p
-        home[p] = (at[0] * shape[1] + at[1]) * shape[2] + at[2]
-        count[home[p] + 1] += 1
-    return np.cumsum(count), np.argsort(home, kind="mergesort"), near
+        cells_within(points[p], low, cell, near.shape, 0.0, first, last)
+        home[p] = (first[0] * shape[1] + first[1]) * shape[2] + first[2]
+        start[home[p] + 1] += 1
+    for at in range(1, len(start)):
+        start[at] += start[at - 1]
+    return start, np.argsort(home, kind="mergesort"), near
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def cells_within(
+    point: FloatArray,
+    low: FloatArray,
+    cell: float,
+    shape: tuple[int, int, int],
+    reach: float,
+    first: IntArray,
+    last: IntArray,
+) -> None:
+    """Enter the ``first`` and the ``last`` (3,) of the cells that come within ``reach`` of a point along each axis."""
+    for d in range(3):
+        place = point[d] - low[d]
+        first[d] = max(int((place - reach) / cell), 0)
+        last[d] = min(int((place + reach) / cell), shape[d] - 1)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def add_farther(
+    points: FloatArray, low: FloatArray, cell: float, near: NDArray[np.int16], farthest: float
+) -> None:
+    """Enter who comes within ``farthest`` of the cells that nobody is ``near``: they are looked into, but never hit."""
+    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
+    for p in range(len(points)):
+        cells_within(points[p], low, cell, near.shape, farthest, first, last)
+        for a in range(first[0], last[0] + 1):
+            for b in range(first[1], last[1] + 1):
+                for c in range(first[2], last[2] + 1):
+                    if near[a, b, c] == len(points):
+                        near[a, b, c] = p
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def nearest(
-    start: IntArray,
+    start: NDArray[np.int32],
     order: IntArray,
+    near: NDArray[np.int16],
     places: FloatArray,
     cells: FloatArray,
     x: float,
@@ -134,11 +170,18 @@ def nearest(
 ) -> tuple[int, float]:
     """Return the point nearest to (x, y, z) and its squared distance, -1 when none lies within ``radius``.
 
-    The first are of a `point_grid`.
+    The first are of a `point_grid`.  No farther is looked than to the point that is nearest to the middle of the cell.
     """
     best, square, step = -1, radius * radius, 1.0 / cells[3]
     u, v, w = x - cells[0], y - cells[1], z - cells[2]
     last_a, last_b, last_c = int(cells[4]) - 1, int(cells[5]) - 1, int(cells[6]) - 1
+    a, b, c = int(u * step), int(v * step), int(w * step)
+    if min(u, v, w) >= 0.0 and a <= last_a and b <= last_b and c <= last_c:
+        p = np.int64(near[(a * (last_b + 1) + b) * (last_c + 1) + c])
+        if p == len(places) - 1 and radius <= cells[7]:
+            return best, square
+        radius = min(math.sqrt(square_to(places, p, x, y, z)) + ROUNDING_MM, radius)
+        square = radius * radius
     a0, a1 = max(int((u - radius) * step), 0), min(int((u + radius) * step), last_a)
     b0, b1 = max(int((v - radius) * step), 0), min(int((v + radius) * step), last_b)
     c0, c1 = max(int((w - radius) * step), 0), min(int((w + radius) * step), last_c)

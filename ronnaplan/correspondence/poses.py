@@ -29,8 +29,9 @@ from ronnaplan.correspondence.trials import (
     at_least,
     needed_hits,
 )
-from ronnaplan.correspondence.weighing import PairedPose, add_pose
+from ronnaplan.correspondence.weighing import PairedPose, add_pose, poses_of
 from ronnaplan.geometry import FloatArray
+from ronnaplan.threads import cores
 
 SIDES_CHI2 = (2.5, 12.0)
 """Triangles agree up to this sum of squared differences of their sides, in variances of a side's difference: where
@@ -60,9 +61,9 @@ WORK_PER_POINT, WORK_POWER = 60_000.0, 1.5
 PARTS = 2
 """Seeds are looked up in so many threads."""
 
-LEAST_SHARED_WORK = 2e7
-"""Seeds are looked up in one thread where no more work is left: to start threads takes about a hundredth of it.
-How many seeds there are tells nothing: among 1,000 dense points one takes 40 ms."""
+LEAST_SHARED_WORK = 3e5
+"""Seeds at once are looked up in one thread where no more work is expected: to hand half of them over takes about a
+tenth of it.  How many seeds there are tells nothing: among 1,000 dense points one takes 40 ms."""
 
 REFINING_WORK = 1_000
 """Work of refining a pose, for each CT point."""
@@ -100,7 +101,8 @@ class Search:
     @classmethod
     def of(cls, problem: Problem, every: bool) -> Search:
         """Return the search in which ``every`` seed is drawn, or only some."""
-        grid = point_grid(problem.ots, problem.sigma_mm, WIDEST_REACH_SIGMAS * problem.sigma_mm)
+        reach, farthest = (sigmas * problem.sigma_mm for sigmas in (WIDEST_REACH_SIGMAS, max(REFINING_SIGMAS)))
+        grid = point_grid(problem.ots, problem.sigma_mm, reach, farthest)
         hit_chance = chance_of_hit(problem)
         needed = needed_hits(len(problem.ct) - 3, hit_chance, every)
         return cls(problem, grid, needed, hit_chance, every)
@@ -187,11 +189,13 @@ def find_poses(
     chance, best, size = Chance.of(problem), None, float(least_size)
     done, batch, wanted = 0, FIRST_BATCH, triangles * search.to_draw(size, acceptable)
     draw = seed_stream(rng, len(problem.ct))
-    with ThreadPoolExecutor(PARTS) as pool:
+    with ThreadPoolExecutor(PARTS - 1) as pool:
+        expected = work_left * FIRST_BATCH / LARGEST_BATCH
         while len(seeds := draw(batch)):
             trials = first_in_order(rng.random((TRIAL_ORDERS, len(problem.ct))), MOST_TRIALS + 3)
             known = np.array([pose.partner for pose in poses], dtype=np.int64).reshape(-1, len(problem.ct))
-            found, work, finished = looked_up(search, seeds, trials, known, size, work_left, pool)
+            others = pool if expected > LEAST_SHARED_WORK and cores() > 1 else None
+            found, work, finished = looked_up(search, seeds, trials, known, size, work_left, others)
             done += len(seeds) if finished else 0
             for pose in found:
                 add_pose(poses, pose)
@@ -203,6 +207,7 @@ def find_poses(
                 break
             promised = max(BATCH_SHARE * work_left * len(seeds) / max(work, 1), LEAST_BATCH)
             batch = math.ceil(min(promised, LARGEST_BATCH, wanted - done))
+            expected = work * batch / len(seeds)
     poses.sort(key=lambda pose: -pose.log_evidence)
     *missed, of_size = search.missed([*range(len(problem.ct)), size], min(done / triangles, 1.0))
     sure = int(np.flatnonzero(np.array(missed) >= MISSED_FOR_SURE).max(initial=LEAST_PAIRS - 1)) + 1
@@ -232,12 +237,13 @@ def looked_up(
     known: IntArray,
     size: float,
     most_work: float,
-    pool: Executor,
+    others: Executor | None,
 ) -> tuple[list[PairedPose], float, bool]:
     """Return the refined poses that seeds (S, 3) lead to, the work, and whether all of it was done.
 
     Poses are left soon that do not promise as many pairs as ``size``, or as any that could be handed on.
-    In `PARTS` parts, however many cores there are: every machine finds the same.
+    In `PARTS` parts, however many cores there are: every machine finds the same. All but the first are left to
+    ``others``, if there are any.
     """
     problem, table = search.problem, search.table
     share = 0.0 if search.every else float(search.share(max(size, search.needed_of_all[1] + 3)))
@@ -254,9 +260,10 @@ def looked_up(
             finished,
         )
 
-    run = pool.map if most_work > LEAST_SHARED_WORK else map
     ends = [math.ceil(len(seeds) * part / PARTS) for part in range(PARTS + 1)]
-    results = list(run(of_part, (seeds[first:end] for first, end in pairwise(ends))))
+    parts = [seeds[first:end] for first, end in pairwise(ends)]
+    begun = [others.submit(of_part, part) for part in parts[1:]] if others else []
+    results = [of_part(parts[0]), *([one.result() for one in begun] if others else map(of_part, parts[1:]))]
     poses = [pose for found, _, _ in results for pose in found]
     return poses, sum(work for _, work, _ in results), all(finished for *_, finished in results)
 
@@ -281,4 +288,5 @@ def refine(search: Search, matrices: FloatArray, needed: int) -> list[PairedPose
     matrices, partners = refined(problem.ct, problem.ots, search.grid, matrices, reaches)
     enough = (partners >= 0).sum(axis=1) >= min(LEAST_PAIRS + needed, len(problem.ct))
     holds = (partners[:, problem.known[:, 0]] == problem.known[:, 1]).all(axis=1)
-    return [PairedPose.weighed(problem, matrices[k], partners[k]) for k in np.flatnonzero(enough & holds)]
+    kept = enough & holds
+    return poses_of(problem, matrices[kept], partners[kept])

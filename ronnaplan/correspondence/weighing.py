@@ -28,15 +28,19 @@ class PairedPose:
     chi2: float
     log_evidence: float
 
-    @classmethod
-    def weighed(cls, problem: Problem, matrix: FloatArray, partner: IntArray) -> PairedPose:
-        """Return the pose weighed by the pairs that it makes."""
-        return cls(matrix, partner, *weigh_pairs(problem, partner))
-
     @cached_property
     def pairs(self) -> IntArray:
         """The pairs (L, 2)."""
         return pairs_of(self.partner)
+
+
+def poses_of(problem: Problem, matrices: FloatArray, partners: IntArray) -> list[PairedPose]:
+    """Return those of poses (K, 3, 4) and their pairs (K, n) that chance does not explain, weighed by these."""
+    chi2, log_evidence = evidences(problem.ct, problem.ots, problem.weights, problem.volume_mm3, partners)
+    return [
+        PairedPose(matrices[k], partners[k], float(chi2[k]), float(log_evidence[k]))
+        for k in np.flatnonzero(log_evidence >= 0.0)
+    ]
 
 
 def weigh_pairs(problem: Problem, partner: IntArray, taken: int = 0) -> tuple[float, float]:
@@ -65,6 +69,17 @@ def pose_evidence(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def evidences(
+    ct: FloatArray, ots: FloatArray, weight: FloatArray, volume: float, partners: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the chi^2 (K,) and the log evidences (K,) of pairings (K, n), see `pose_evidence`."""
+    chi2, log_evidence = np.empty(len(partners)), np.empty(len(partners))
+    for k in range(len(partners)):
+        chi2[k], log_evidence[k] = pose_evidence(ct, ots, weight, volume, partners[k], 0)
+    return chi2, log_evidence
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def is_alike(partner: IntArray, other: IntArray) -> bool:
     """Tell whether two pairings, each the partner (n,) of each CT point, pair mostly the same points."""
     agreeing = of_one = of_other = 0
@@ -90,9 +105,7 @@ def left_by(best: IntArray, partner: IntArray) -> IntArray:
 
 
 def add_pose(poses: list[PairedPose], pose: PairedPose) -> None:
-    """Add a pose, or let it replace one that `is_alike` with less evidence; one that chance explains is dropped."""
-    if pose.log_evidence < 0:
-        return
+    """Add a pose, or let it replace one that `is_alike` with less evidence."""
     same = next((k for k, one in enumerate(poses) if is_alike(one.partner, pose.partner)), None)
     if same is None:
         poses.append(pose)

@@ -1,6 +1,7 @@
 """The search for poses: bounded on any input, and honest about what it may have missed."""
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -40,8 +41,9 @@ def test_the_work_is_bounded_on_any_input() -> None:
         assert find_poses(problem_of(ct, ots), 1e-3).work < 1.3 * allowed
 
 
-def test_few_seeds_that_are_costly_are_shared_out_to_threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Among 1,000 dense points one takes 40 ms: 4.5 s in one thread."""
+@pytest.mark.parametrize(("count", "radius"), [(300, 25.0), (32, 45.0)])
+def test_seeds_are_shared_out_to_threads(count: int, radius: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However few: among 1,000 dense points one takes 40 ms. 32 points had one thread."""
     threads = set()
 
     def noted(*given: Any) -> Any:
@@ -49,10 +51,35 @@ def test_few_seeds_that_are_costly_are_shared_out_to_threads(monkeypatch: pytest
         return poses_of_seeds(*given)
 
     monkeypatch.setattr("ronnaplan.correspondence.poses.poses_of_seeds", noted)
+    monkeypatch.setenv("OMP_NUM_THREADS", "2")
     rng = np.random.default_rng(7)
-    find_poses(problem_of(ball(rng, 300, 25.0), ball(rng, 300, 25.0)), 1e-3)
-    assert threads
-    assert threading.current_thread() not in threads
+    find_poses(problem_of(ball(rng, count, radius), ball(rng, count, radius)), 1e-3)
+    assert len(threads) == 2
+
+
+@pytest.mark.parametrize(
+    ("markers", "outliers", "field"),
+    [(16, 16, 45.0), (30, 30, 90.0), (60, 240, 40.0)],
+    ids=["all", "drawn", "given up"],
+)
+def test_the_poses_do_not_depend_on_the_number_of_threads(
+    markers: int, outliers: int, field: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor on what else is at work: several are sought at once."""
+    ct, ots, _ = bodies(5, [markers], [45.0], outliers, field)
+
+    def told(_: int = 0) -> tuple[Any, ...]:
+        found = find_poses(problem_of(ct, ots), 1e-3)
+        poses = [(pose.matrix.tobytes(), pose.partner.tobytes(), pose.log_evidence) for pose in found.poses]
+        return poses, found.work, found.missed
+
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    alone = told()
+    for threads in ("2", "8"):
+        monkeypatch.setenv("OMP_NUM_THREADS", threads)
+        with ThreadPoolExecutor(4) as pool:
+            assert all(one == alone for one in pool.map(told, range(4)))
+    assert alone[0]
 
 
 def test_no_more_seeds_are_drawn_than_it_takes() -> None:

@@ -33,7 +33,7 @@ def test_hits_counted_in_blocks_are_those_counted_one_by_one(apart_mm: float) ->
     points = 6.0 * np.array(
         list(product(range(5), repeat=3)), dtype=np.float64
     )  # never two within reach of a place
-    _, _, near, places, cells = point_grid(points, 0.6, REACH_MM)
+    _, _, near, places, cells = point_grid(points, 0.6, REACH_MM, 2.0 * REACH_MM)
     for test in range(200):
         tried = np.vstack((points[rng.permutation(125)[:40]].T, np.full(40, REACH_MM**2)))
         tried[:3] += ball(rng, 40, apart_mm).T
