@@ -22,6 +22,7 @@ class Neighbourhood:
     rows in LPS. ``pixel_mm`` is the grid's, ``floors_hu`` (N,) the lowest value about the place, where scales end, and
     ``ceiling_hu`` the value at which the scan's clips; infinite where it does not.
     ``ending_share`` is the share of the directions that were left out, because what holds the ball ends in them.
+    ``evened_mm`` (3,), in LPS, is how far a ball was moved when its uneven filling was made even in these values.
     """
 
     origin_mm: FloatArray
@@ -33,6 +34,7 @@ class Neighbourhood:
     pixel_mm: float
     ceiling_hu: float = math.inf
     ending_share: float = 0.0
+    evened_mm: FloatArray | None = None
 
     @cached_property
     def distances_mm(self) -> FloatArray:
@@ -40,6 +42,11 @@ class Neighbourhood:
         u, v, w = self.offsets_mm.T
         distances_mm: FloatArray = np.sqrt(u * u + v * v + w * w)
         return distances_mm
+
+    @property
+    def across(self) -> int:
+        """Which of the axes leads across the slices that were measured: those of the patient's axis."""
+        return int(np.abs(self.axes[:, 2]).argmax())
 
     def select(self, chosen: NDArray[np.bool_]) -> Neighbourhood:
         """Keep only the ``chosen`` (N,) voxels."""

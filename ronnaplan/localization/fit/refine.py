@@ -8,6 +8,8 @@ inform only as far as the model stays below the top of the scale.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,6 +42,7 @@ from ronnaplan.localization.fit.starts import (
     candidate_of,
     is_astray,
 )
+from ronnaplan.localization.fit.uneven import uneven_hu
 
 HOPELESS_SOON = 0.35
 """A fit is not pursued that, after the first steps of its first descent, is not at rest and round in less than this
@@ -59,6 +62,9 @@ long tails indeed."""
 CAVITY_ROUNDS, CAVITY_CLOSE_MM = 3, 0.001
 """A hollow ball is fitted anew so many times at most, until its cavity is told to lie, so nearly, where it was put."""
 
+FILLING_ROUNDS = 3
+"""A ball is fitted anew so many times at most, until its filling is even beside what its own image tells."""
+
 BESIDE_MM = 1.0
 """What lies farther out than a ball's blur is seen, by more than this, is no part of its fit."""
 
@@ -76,13 +82,14 @@ def fit_ball(around: Neighbourhood, diameter_mm: float, build: Build, thickness_
     look = candidate.first_look()
     fit = _fitted(candidate, look)
     if fit.converged or not is_astray(look):
-        return fit
+        return _evenly_filled(fit)
     steady = candidate.steady_look()
     if steady is None:
         return fit
     # Domes of pegs are fitted so, too, most as larger balls.
     again = _fitted(candidate, steady)
-    return again if again.converged and not is_off_size(again.diameter_mm - diameter_mm) else fit
+    is_one = again.converged and not is_off_size(again.diameter_mm - diameter_mm)
+    return _evenly_filled(again) if is_one else fit
 
 
 def _fitted(candidate: Candidate, look: Look) -> BallFit:
@@ -127,6 +134,21 @@ def _about_its_own_center(fit: BallFit) -> BallFit:
         if not again.converged:
             break
         fit = again
+    return fit
+
+
+def _evenly_filled(fit: BallFit) -> BallFit:
+    """Fit a ball anew as if its filling were even, where its inside shows that it is not."""
+    before_mm = fit.center_mm
+    for _ in range(FILLING_ROUNDS):
+        differ_hu = uneven_hu(fit)
+        if differ_hu is None:
+            break
+        again = _settle(fit.neighbourhood.given_back(-differ_hu), fit.theta, fit.prior)
+        if not again.converged or again.misfit >= fit.misfit:
+            break
+        even = replace(again.neighbourhood, evened_mm=again.center_mm - before_mm)
+        fit = replace(again, neighbourhood=even)
     return fit
 
 

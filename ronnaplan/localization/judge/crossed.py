@@ -86,7 +86,7 @@ def untold_mm2(volume: CTVolume, fit: BallFit) -> FloatArray:
     crossed_mm = _crossed_mm(volume, fit) if is_asked else None
     if crossed_mm is None:
         return np.zeros((3, 3))
-    across = _across(fit)
+    across = fit.neighbourhood.across
     heights_mm = fit.neighbourhood.offsets_mm[:, across] - fit.theta[CENTER][across]
     beyond_mm = np.maximum(crossed_mm[0] - heights_mm, heights_mm - crossed_mm[1])
     share = np.clip(1.0 - beyond_mm / _beside_mm(volume, fit), 0.0, 1.0)
@@ -107,7 +107,7 @@ def _is_clipped_ceramic(fit: BallFit) -> bool:
 def is_beside_metal(volume: CTVolume, fit: BallFit) -> bool:
     """Whether there is metal beside a ball in its middle slices, as far off as screws are looked for."""
     turns = np.linspace(0.0, 2.0 * np.pi, AROUND, endpoint=False)
-    within = np.delete(fit.neighbourhood.axes, _across(fit), axis=0)
+    within = np.delete(fit.neighbourhood.axes, fit.neighbourhood.across, axis=0)
     around = np.stack([np.cos(turns), np.sin(turns)], axis=-1) @ within
     return is_metal_beyond(volume, fit, around)
 
@@ -118,7 +118,7 @@ def _farther_mm(fit: BallFit, off_mm: FloatArray, clear_mm: FloatArray) -> Float
     A screw pulls a ball away from itself, so that slices without it put the center nearer to it. Half a ball tells its
     radius and its center along the normal together, and errs towards its pole where the profile is not quite as fitted.
     """
-    across, farther_mm = _across(fit), np.zeros(3)
+    across, farther_mm = fit.neighbourhood.across, np.zeros(3)
     if off_mm[across] * float(np.mean(clear_mm[:, across] - fit.theta[CENTER][across])) > 0.0:
         farther_mm[across] = off_mm[across]
     return farther_mm
@@ -135,7 +135,7 @@ def _clear_of_screws(volume: CTVolume, fit: BallFit) -> NDArray[np.bool_] | None
     least_mm = max(LEAST_KEPT * 2.0 * radius_mm, ADAPTED_SLICES * max(width_mm, volume.grid.typical_gap_mm))
     if max(above_mm, below_mm) < least_mm:
         return None
-    across = _across(fit)
+    across = fit.neighbourhood.across
     heights_mm = fit.neighbourhood.offsets_mm[:, across] - fit.theta[CENTER][across]
     is_clear: NDArray[np.bool_] = heights_mm > high_mm if above_mm > below_mm else heights_mm < low_mm
     return is_clear
@@ -150,7 +150,7 @@ def _crossed_mm(volume: CTVolume, fit: BallFit) -> tuple[float, float] | None:
     metal_mm, _ = metal_beyond(volume, fit, directions_touched(fit))
     if not len(metal_mm):
         return None
-    heights_mm = metal_mm @ axes[_across(fit)]
+    heights_mm = metal_mm @ axes[fit.neighbourhood.across]
     low_mm, high_mm = float(heights_mm.min()), float(heights_mm.max())
     beyond_mm = radius_mm + _beside_mm(volume, fit)
     return (low_mm, high_mm) if low_mm < beyond_mm and high_mm > -beyond_mm else None
@@ -159,8 +159,3 @@ def _crossed_mm(volume: CTVolume, fit: BallFit) -> tuple[float, float] | None:
 def _beside_mm(volume: CTVolume, fit: BallFit) -> float:
     """How far from metal a slice still crosses it."""
     return (float(fit.theta[WIDTH]) + volume.grid.typical_gap_mm) / 2.0
-
-
-def _across(fit: BallFit) -> int:
-    """Which of a fit's axes leads across the slices that were measured."""
-    return int(np.abs(fit.neighbourhood.axes[:, 2]).argmax())

@@ -1,0 +1,59 @@
+"""Balls whose filling is uneven: what makes plastic show in a CT settles while it hardens.
+
+One side of such a ball is brighter than the other, and a ball that is bright throughout is fitted nearer to that side:
+by 0.03 to 0.1 mm where the brightness changes by a tenth from the center to the surface. The ball's own inside tells.
+What hardened rays do to a ball is smaller by far (`fit.shading`), so nothing is asked of balls that could be even.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ronnaplan.geometry import FloatArray
+from ronnaplan.localization.fit.algebra import inverse
+from ronnaplan.localization.fit.ball_fit import BallFit
+from ronnaplan.localization.fit.parameters import CENTER, CONTRAST, RADIUS, WIDTH
+
+LEAST_UNEVEN = 0.04
+"""A filling is uneven where the contrast changes by more than this share of it from the center to the surface,
+within the slices. Balls of one density beside a head showed 0.025 at most; uneven ones 0.07 and more
+(`docs/localization_figures.md`, twenty-eighth simulator)."""
+
+STANDS_OUT = 6.0
+"""... and by so many standard errors, for noise that is alike in `ALIKE_VOXELS` voxels. Along all axes balls of one
+density showed 5.4 at most, uneven ones 7.5 and more."""
+
+ALIKE_VOXELS = 6.0
+"""Noise is alike in so many neighbouring voxels, which tell no more than one."""
+
+WIDEST_SHARE = 0.5
+"""A slice profile wider than this share of the radius hides how a ball is filled."""
+
+
+def uneven_hu(fit: BallFit) -> FloatArray | None:
+    """By how much a ball's voxels (N,) differ from those of an even one; None where nothing says that they do.
+
+    That is asked of solid balls whose contrast the scale shows. What changes from slice to slice only says nothing: a
+    screw that crosses the slices of one pole makes it fainter (`judge.crossed`).
+    """
+    if not fit.converged or not fit.is_shaded or fit.prior.layer_mm != 0.0:
+        return None
+    if fit.theta[WIDTH] > WIDEST_SHARE * fit.theta[RADIUS]:
+        return None
+    ball_hu = fit.jacobian[:, CONTRAST] * fit.theta[CONTRAST]
+    along_hu = ball_hu[:, np.newaxis] * (fit.neighbourhood.offsets_mm - fit.theta[CENTER])
+    used = np.flatnonzero(fit.used)
+    informed, rest_hu = np.column_stack([fit.jacobian, along_hu]).take(used, axis=0), fit.unshaded_hu.take(used)
+    covariance = inverse(informed.T @ informed + np.diag([*fit.prior.weight, 0.0, 0.0, 0.0]))
+    pull = informed.T @ rest_hu
+    pull[:-3] = 0.0  # with an even ball the fit is at rest
+    told = covariance @ pull
+    left_hu2 = float(np.mean((rest_hu - informed @ told) ** 2))
+    slopes_per_mm, within = told[-3:], np.delete(np.arange(3), fit.neighbourhood.across)
+    within_per_mm = slopes_per_mm[within]
+    errors = within_per_mm @ inverse(covariance[-3:, -3:][np.ix_(within, within)]) @ within_per_mm
+    is_sure = errors > STANDS_OUT**2 * ALIKE_VOXELS * left_hu2
+    if not is_sure or float(np.linalg.norm(within_per_mm)) * float(fit.theta[RADIUS]) < LEAST_UNEVEN:
+        return None
+    differ_hu: FloatArray = along_hu @ slopes_per_mm
+    return differ_hu
