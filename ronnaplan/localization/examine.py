@@ -17,7 +17,7 @@ from ronnaplan.localization.fit.depth import margin_mm
 from ronnaplan.localization.fit.descent import MAX_WANDER
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood, gather
 from ronnaplan.localization.fit.parameters import CENTER, RADIUS, profile_fwhm_mm
-from ronnaplan.localization.fit.refine import fit_ball
+from ronnaplan.localization.fit.refine import evenly_filled, fit_ball
 from ronnaplan.localization.judge.accept import MIN_COVERAGE, failures
 from ronnaplan.localization.judge.crossed import without_the_screw
 from ronnaplan.localization.judge.edge import blur_mm2, shape_of
@@ -223,7 +223,8 @@ def _fit_as_summed(
     thickness_mm = float(scan.thickness_mm(center_mm))
 
     def fitted(seen: Neighbourhood) -> BallFit:
-        return fit_ball(seen, diameter_mm, build, thickness_mm)
+        fit = fit_ball(seen, diameter_mm, build, thickness_mm)
+        return fit if scan.volume.grid.may_be_a_panels else evenly_filled(fit)
 
     fit = fitted(around)
     if made_good is MadeGood.ALL:

@@ -82,14 +82,31 @@ def fit_ball(around: Neighbourhood, diameter_mm: float, build: Build, thickness_
     look = candidate.first_look()
     fit = _fitted(candidate, look)
     if fit.converged or not is_astray(look):
-        return _evenly_filled(fit)
+        return fit
     steady = candidate.steady_look()
     if steady is None:
         return fit
     # Domes of pegs are fitted so, too, most as larger balls.
     again = _fitted(candidate, steady)
-    is_one = again.converged and not is_off_size(again.diameter_mm - diameter_mm)
-    return _evenly_filled(again) if is_one else fit
+    return again if again.converged and not is_off_size(again.diameter_mm - diameter_mm) else fit
+
+
+def evenly_filled(fit: BallFit) -> BallFit:
+    """Fit a ball anew as if its filling were even, where its inside shows that it is not.
+
+    In a flat panel's pictures scatter shades balls likewise.
+    """
+    before_mm = fit.center_mm
+    for _ in range(FILLING_ROUNDS):
+        differ_hu = uneven_hu(fit)
+        if differ_hu is None:
+            break
+        again = _settle(fit.neighbourhood.given_back(-differ_hu), fit.theta, fit.prior)
+        if not again.converged or again.misfit >= fit.misfit:
+            break
+        even = replace(again.neighbourhood, evened_mm=again.center_mm - before_mm)
+        fit = replace(again, neighbourhood=even)
+    return fit
 
 
 def _fitted(candidate: Candidate, look: Look) -> BallFit:
@@ -134,21 +151,6 @@ def _about_its_own_center(fit: BallFit) -> BallFit:
         if not again.converged:
             break
         fit = again
-    return fit
-
-
-def _evenly_filled(fit: BallFit) -> BallFit:
-    """Fit a ball anew as if its filling were even, where its inside shows that it is not."""
-    before_mm = fit.center_mm
-    for _ in range(FILLING_ROUNDS):
-        differ_hu = uneven_hu(fit)
-        if differ_hu is None:
-            break
-        again = _settle(fit.neighbourhood.given_back(-differ_hu), fit.theta, fit.prior)
-        if not again.converged or again.misfit >= fit.misfit:
-            break
-        even = replace(again.neighbourhood, evened_mm=again.center_mm - before_mm)
-        fit = replace(again, neighbourhood=even)
     return fit
 
 
