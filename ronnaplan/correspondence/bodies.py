@@ -29,7 +29,7 @@ are up to so many possible pairs: 40 points of either set."""
 
 
 def points_left(problem: Problem, best: PairedPose, of_pairs: FloatArray) -> tuple[IntArray, IntArray, int]:
-    """Return the CT and the OTS points that are none of the best pose's, and how many pairs of theirs are a rival.
+    """Return CT (K,) and OTS points (L,) that are none of the best pose's, and how many pairs of theirs are a rival.
 
     ``of_pairs`` are the probabilities of the best pose's pairs. There are no points where a pair is known, which the
     patient holds; where there is no room for a rival; and where all pairs are doubtful, as of points that stand twice:

@@ -78,7 +78,7 @@ LEAST_OFF_LINE = 3
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def filled_volume(ct: FloatArray, ots: FloatArray) -> float:
-    """Return the volume of a uniformly filled ball with the spread of the points, the two sets' geometric mean."""
+    """Return the volume of a filled ball as spread as points (n, 3) and (m, 3) are, the two sets' geometric mean."""
     log_volume = 0.0
     for points in (ct, ots):
         square = 0.0
@@ -187,7 +187,7 @@ def weighted_centroids(
 def fit(
     ct: FloatArray, ots: FloatArray, weight: FloatArray, i: IntArray, j: IntArray, k: int, spread: float
 ) -> tuple[float, float]:
-    """Fit k pairs (ct[i[a]], ots[j[a]]) with weights 1/c: chi^2, and the log of the volume and the spread.
+    """Fit k pairs (ct[i[a]], ots[j[a]]) with weights 1/c (n, m): chi^2, and the log of the volume and the spread.
 
     The second is -3/2 ln W - 1/2 ln det J - S / (2 spread^2).  Adding a pair raises chi^2 and lowers the second.
     """

@@ -64,7 +64,7 @@ def keep_listed(listed: Listed, found: int, floor: float) -> int:
 def enter(
     listed: Listed, found: int, here: float, its_chi2: float, floor: float, i: IntArray, j: IntArray, size: int
 ) -> int:
-    """Add a pairing above ``floor`` to those ``found``; return how many there are then.
+    """Add a pairing (``size``,) above ``floor`` to those ``found``; return how many there are then.
 
     A full list gives up its lower half.
     """

@@ -92,7 +92,7 @@ def lowest_bit(word: np.uint64) -> int:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def pop_first(bits: NDArray[np.uint64]) -> int:
-    """Remove and return the first node of a set of bits, -1 when it is empty."""
+    """Remove and return the first node of a set of bits (W,), -1 when it is empty."""
     for w in range(len(bits)):
         if bits[w]:
             first = 64 * w + lowest_bit(bits[w])
@@ -103,7 +103,7 @@ def pop_first(bits: NDArray[np.uint64]) -> int:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def count_rows(bits: NDArray[np.uint64], node_i: IntArray, seen: NDArray[np.bool_]) -> int:
-    """Return how many different CT points a set's nodes have: a clique holds at most one node of each."""
+    """Return how many CT points the nodes of a set (W,) have: a clique holds at most one node of each."""
     seen[:] = False
     rows = 0
     for w in range(len(bits)):

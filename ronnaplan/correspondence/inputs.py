@@ -42,7 +42,7 @@ class ErrorModel:
         return ErrorModel(scale**2 * self.variances, covariances)
 
     def of(self, points: IntArray) -> ErrorModel:
-        """Return the errors of some of the points."""
+        """Return the errors of some of the points (K,)."""
         covariances = None if self.covariances is None else self.covariances[points]
         return ErrorModel(self.variances[points], covariances)
 
@@ -67,7 +67,7 @@ def checked_points(values: ArrayLike, name: str) -> FloatArray:
 
 
 def checked_errors(sigma_mm: ArrayLike, covariances_mm2: ArrayLike | None, count: int, name: str) -> ErrorModel:
-    """Return the errors of ``count`` points from sigmas per axis (one, or one a point) or from covariances."""
+    """Return the errors of N = ``count`` points from sigmas per axis, () or (N,), or from covariances (N, 3, 3)."""
     if covariances_mm2 is not None:
         return errors_from_covariances(covariances_mm2, count, name)
     sigma = as_numbers(sigma_mm, f"the errors sigma of {name}", "standard deviations per axis in mm")

@@ -173,7 +173,7 @@ def mirror_distance(points: ArrayLike) -> float:
 def swapped_pairs(
     points: FloatArray, goals: FloatArray, weight: FloatArray, index: IntArray
 ) -> tuple[float, IntArray]:
-    """Return the least chi^2 among the orders that exchange two points, and that order."""
+    """Return the least chi^2 among the orders (n,) that exchange two of the points (n, 3), and that order."""
     n = len(points)
     best, rival = np.inf, index.copy()
     for a in range(n):
@@ -226,7 +226,7 @@ def nearest_rival(points: FloatArray, goals: FloatArray, bound: float) -> tuple[
 
 @njit(cache=True, nogil=True)
 def is_another(order: IntArray, index: IntArray) -> bool:
-    """Return whether two orders differ."""
+    """Return whether two orders (n,) differ."""
     differing = 0
     for a in range(len(index)):
         differing += order[a] != index[a]
@@ -235,7 +235,7 @@ def is_another(order: IntArray, index: IntArray) -> bool:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def next_choice(d: FloatArray, order: IntArray, used: NDArray[np.bool_], depth: int, best: float) -> int:
-    """Return the next unused partner of point ``depth`` whose distances alone do not exceed the bound, or -1."""
+    """Return the next unused partner of point ``depth`` whose distances (n, n) alone do not exceed the bound, or -1."""
     for choice in range(order[depth] + 1, len(d)):
         if used[choice]:
             continue

@@ -38,7 +38,7 @@ CELLS_PER_AXIS, MOST_CELLS_PER_AXIS = 12.0, 96
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def side(points: FloatArray, a: int, b: int) -> float:
-    """Return the distance of two points."""
+    """Return the distance of two of the points (n, 3)."""
     x, y, z = points[a, 0] - points[b, 0], points[a, 1] - points[b, 1], points[a, 2] - points[b, 2]
     return math.sqrt(x * x + y * y + z * z)
 

@@ -140,11 +140,11 @@ class Search:
         return float(each) / max(float(self.found_out(np.asarray(size))), 1e-9)
 
     def found_out(self, size: FloatArray) -> FloatArray:
-        """Return the probability that a triangle within a body of ``size`` points, once drawn, leads to its pose."""
+        """Return the probability (...) that a triangle in a body of ``size`` points, once drawn, leads to its pose."""
         return np.asarray(np.interp(size, SUCCESS_SIZES, SEED_SUCCESS[self.every]) * self.passes(size))
 
     def passes(self, size: FloatArray) -> FloatArray:
-        """Return the probability that enough of the points tried are of a body of ``size`` points."""
+        """Return the probability that enough of the points tried are of a body of ``size`` (...) points."""
         rest, of_body = len(self.problem.ct) - 3, np.maximum(size - 3.0, 0.0)
         tried, share = min(MOST_TRIALS, rest), self.share(size)
         enough = np.asarray(of_body >= max(self.needed_of_all))
@@ -159,7 +159,7 @@ class Search:
         return np.asarray(first * all_points * (1.0 - STOPPED))
 
     def share(self, size: FloatArray | float) -> FloatArray:
-        """Return the share of the trial points that are of a body of ``size`` points, and tried."""
+        """Return the share of the trial points that are of a body of ``size`` (...) points, and tried."""
         return np.asarray(PREDICTED * np.maximum(np.asarray(size) - 3.0, 0.0) / max(len(self.problem.ct) - 3, 1))
 
 

@@ -86,7 +86,7 @@ class Problem:
         return replace(self, ct=self.ct * MIRROR, ct_errors=self.ct_errors.mirrored())
 
     def only(self, i: IntArray, j: IntArray) -> Problem:
-        """Return the problem of the CT points ``i`` and the OTS points ``j`` alone, of which nothing is told."""
+        """Return the problem of the CT points ``i`` (K,) and OTS points ``j`` (L,) alone, of which nothing is told."""
         return replace(
             self,
             ct=self.ct[i],

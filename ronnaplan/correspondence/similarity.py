@@ -74,7 +74,7 @@ def match_by_similarity(
 def similarity_match(
     ct: FloatArray, ots: FloatArray, expected: int, e_start: float, e_stop: float, e_step: float, one_to_one: bool
 ) -> IntArray:
-    """Return the partner of each CT point, -1 for none; all -1 when the correspondence is unsuccessful."""
+    """Return the partner (n,) of each CT point (n, 3) among (m, 3), -1 for none; all -1 when unsuccessful."""
     e = e_start
     while e <= e_stop + TOLERANCE_ROUNDING:
         partner = match_within(ct, ots, expected, e, one_to_one)
@@ -99,7 +99,7 @@ def similarity_match_many(
 
 @njit(cache=True, nogil=True)
 def match_within(ct: FloatArray, ots: FloatArray, expected: int, e: float, one_to_one: bool) -> IntArray:
-    """Run steps 1 to 4 with one tolerance e; return the partner of each CT point."""
+    """Run steps 1 to 4 with one tolerance e; return the partner (n,) of each CT point (n, 3)."""
     rows, columns = np.arange(len(ct)), np.arange(len(ots))
     nothing = np.full(len(ct), -1)
     while len(rows) >= expected and len(columns) >= expected:
@@ -122,13 +122,13 @@ def match_within(ct: FloatArray, ots: FloatArray, expected: int, e: float, one_t
 
 @njit(cache=True, nogil=True)
 def any_per_row(matrix: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Tell of each row whether any value in it meets the condition."""
+    """Tell of each row of (n, m) whether any value in it meets the condition."""
     return np.array([matrix[a].any() for a in range(len(matrix))])
 
 
 @njit(cache=True, nogil=True)
 def similarity_matrix(ct: FloatArray, ots: FloatArray, e: float, one_to_one: bool) -> IntArray:
-    """Return sim_ij (Eq. 11, 12): how many distances of CT point i have a partner within e at OTS point j."""
+    """Return sim_ij (n, m), Eq. 11 and 12: how many distances of CT point i have a partner within e at OTS point j."""
     d_ct, d_ots = distances(ct), distances(ots)  # Eq. 10
     for a in range(len(ct)):
         d_ct[a].sort()
@@ -146,7 +146,7 @@ def similarity_matrix(ct: FloatArray, ots: FloatArray, e: float, one_to_one: boo
 
 @njit(cache=True, nogil=True)
 def partnered_distances(first: FloatArray, second: FloatArray, e: float) -> int:
-    """Count the distances of the first list with any partner in the second that differs by less than e."""
+    """Count the distances of the first (k,) with any partner in the second (l,) that differs by less than e."""
     count = 0
     for distance in first:
         if (np.abs(second - distance) < e).any():
@@ -156,7 +156,7 @@ def partnered_distances(first: FloatArray, second: FloatArray, e: float) -> int:
 
 @njit(cache=True, nogil=True)
 def shared_distances(first: FloatArray, second: FloatArray, e: float) -> int:
-    """Count the one-to-one partners of two rising lists that differ by less than e: at most the shorter one."""
+    """Count the one-to-one partners of rising (k,) and (l,) that differ by less than e: at most the shorter one."""
     a = b = shared = 0
     while a < len(first) and b < len(second):
         if abs(first[a] - second[b]) < e:
@@ -172,7 +172,7 @@ def shared_distances(first: FloatArray, second: FloatArray, e: float) -> int:
 
 @njit(cache=True, nogil=True)
 def unique_partners(candidates: NDArray[np.bool_]) -> IntArray:
-    """Return the partner of each row whose only candidate has no other candidate; -1 for the others."""
+    """Return the partner of each row of (n, m) whose only candidate has no other candidate; -1 for the others."""
     found = np.full(len(candidates), -1)
     for a in range(len(candidates)):
         options = np.flatnonzero(candidates[a])
@@ -183,7 +183,7 @@ def unique_partners(candidates: NDArray[np.bool_]) -> IntArray:
 
 @njit(cache=True, nogil=True)
 def complete_by_coordinates(ct: FloatArray, ots: FloatArray, found: IntArray, e: float) -> IntArray:
-    """Pair the rest by their coordinates in the frame of the first three uniquely paired points, closer than e."""
+    """Pair (n,) the rest by their coordinates in the frame of the first three uniquely paired points, within e."""
     anchors = np.flatnonzero(found >= 0)[:3]
     if len(anchors) < 3:
         return found

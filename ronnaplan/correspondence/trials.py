@@ -45,13 +45,13 @@ TRIAL_WORK = 6
 
 
 def at_least(needed: ArrayLike, count: int | IntArray, share: FloatArray | float) -> FloatArray:
-    """Return the probability of ``needed`` successes or more among ``count`` trials that succeed with ``share``."""
+    """Return the chance (...) of ``needed`` successes or more among ``count`` trials that succeed with ``share``."""
     fewer, most = np.asarray(needed) - 1, np.asarray(count)
     return np.where(fewer < 0, 1.0, bdtrc(np.clip(fewer, 0, most), most, np.asarray(share)))
 
 
 def needed_hits(rest: int, chance: float, every: bool) -> tuple[IntArray, IntArray]:
-    """Return how many of 0, 1, ... ``rest`` points tried must meet an OTS point before chance is unlikely.
+    """Return how many of 0, 1, ... R = ``rest`` points tried must meet one before chance is unlikely, twice (R + 1,).
 
     At first, and where all that a seed predicts are tried: of a row flat triangles predict few, but nearly all of its
     own.  ``every``: whether every seed is drawn.
@@ -65,7 +65,7 @@ def needed_hits(rest: int, chance: float, every: bool) -> tuple[IntArray, IntArr
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def hits_beyond(chance: float, most: int, unlikely: float) -> IntArray:
-    """Return the fewest hits that 0, 1, ... ``most`` trials reach by ``chance`` with at most that probability."""
+    """Return the fewest hits that 0, 1, ... M = ``most`` trials reach by ``chance`` hardly ever (M + 1,)."""
     hits, probability = np.ones(most + 1, np.int64), np.zeros(most + 2)  # of 0, 1, ... hits
     probability[0] = 1.0
     for tried in range(1, most + 1):

@@ -75,7 +75,7 @@ CLIPPED_START = 2.0
 
 
 def first_guess(around: Neighbourhood, diameter_mm: float, build: Build, thickness_mm: float) -> FloatArray:
-    """First guess: the stated size, the candidate's center, and levels read off the inside and the outside."""
+    """First guess (P,): the stated size, the candidate's center, and levels read off the inside and the outside."""
     high, low = _levels(around, diameter_mm, build)
     contrast = max(high - low, 1.0) * (CLIPPED_START if high >= around.ceiling_hu else 1.0)
     layer = [-contrast if build.wall_mm else 0.0] if build.layer_mm else []
@@ -103,14 +103,14 @@ def _levels(around: Neighbourhood, diameter_mm: float, build: Build) -> tuple[fl
 
 
 def first_guesses(start: FloatArray, pixel_mm: float) -> list[FloatArray]:
-    """Return the guesses to begin with, for pixels of this size: ``start``, and a sharper one where they are small."""
+    """Return the guesses (P,) to begin with, for pixels of this size: ``start``, and a sharper one for small ones."""
     sharp = start.copy()
     sharp[BLUR] = SHARP_BLUR_PIXELS * pixel_mm
     return [start, sharp] if sharp[BLUR] < start[BLUR] else [start]
 
 
 def ball_prior(start: FloatArray, build: Build, *, is_clipped: bool) -> Prior:
-    """How firmly the first guesses ``start`` hold; where the ball's inside ``is_clipped``, its size does."""
+    """How firmly the first guesses ``start`` (P,) hold; where the ball's inside ``is_clipped``, its size does."""
     spread = np.full(len(start), np.inf)
     spread[RADIUS], spread[WIDTH] = RADIUS_PRIOR * start[RADIUS], WIDTH_PRIOR * start[WIDTH]
     spread[SHAPE] = SHAPE_PRIOR[1]

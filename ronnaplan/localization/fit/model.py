@@ -203,7 +203,7 @@ def is_beyond_scale(value: float, model: float, floor: float, ceiling: float) ->
 
 @njit(cache=True, nogil=True)
 def shown_hu(theta: FloatArray, ceiling: float) -> float:
-    """How much of a ball's contrast a scale shows that ends at ``ceiling``."""
+    """How much of the contrast of a ball ``theta`` (P,) a scale shows that ends at ``ceiling``."""
     return min(float(theta[CONTRAST]), ceiling - float(theta[BACKGROUND]))
 
 

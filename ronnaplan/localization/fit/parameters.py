@@ -56,7 +56,7 @@ def full_width_at_half_maximum_mm(width_mm: float, shape: float) -> float:
 
 
 def profile_fwhm_mm(theta: FloatArray) -> float:
-    """Full width at half maximum of the fitted slice profile."""
+    """Full width at half maximum of the fitted slice profile; ``theta`` (P,)."""
     return full_width_at_half_maximum_mm(float(theta[WIDTH]), float(theta[SHAPE]))
 
 

@@ -209,5 +209,5 @@ def _fill_patterns(
 
 
 def largest(ratios: FloatArray) -> float:
-    """Return the largest of the known ratios' absolute values; 0 where none is known."""
+    """Return the largest absolute value of the known ratios (N,); 0 where none is known."""
     return float(np.max(np.abs(ratios), initial=0.0, where=np.isfinite(ratios)))

@@ -36,7 +36,7 @@ LEAST_VOXELS = 1000
 def left_out_hu(
     volume: CTVolume, center_mm: FloatArray, diameter_mm: float, axes: FloatArray
 ) -> tuple[float, float] | None:
-    """Return between which values no voxel about a place is, if what ends there was put back in; else None."""
+    """Return between which values no voxel about a place (3,) is, if what ends there was put back in; else None."""
     around_hu = gather(volume, center_mm, diameter_mm / 2.0 + BESIDE_MM, axes).values_hu
     if len(around_hu) < LEAST_VOXELS or around_hu.max() < LEAST_METAL_HU:
         return None

@@ -50,7 +50,7 @@ class UsualInScan:
     broadening_mm: float = 0.0
 
     def near(self, one: Examined, normal: FloatArray) -> Usual:
-        """Return what is usual about one place: misfit and size of those that are nearest along the ``normal``.
+        """Return what is usual about one place: misfit and size of those that are nearest along the ``normal`` (3,).
 
         Cone beams make edges the more ragged the farther these are from the plane of the source, metal in its slices.
         """

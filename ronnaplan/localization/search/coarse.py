@@ -69,7 +69,7 @@ def coarse_grid(volume: CTVolume, by: Blocks) -> SliceGrid:
 
 
 def averaged(volume: CTVolume, by: Blocks, first: int, end: int) -> NDArray[np.int16]:
-    """Return the slices ``first`` to before ``end`` of a copy: means of blocks of voxels."""
+    """Return the slices ``first`` to before ``end`` of a copy (K, J, I): means of blocks of voxels."""
     by_k, by_j, by_i = by
     _, rows, columns = volume.voxels_hu.shape
     coarse = np.empty((end - first, rows // by_j, columns // by_i), dtype=np.int16)

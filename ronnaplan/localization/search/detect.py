@@ -44,7 +44,7 @@ def detect(volume: CTVolume, diameter_mm: float) -> FloatArray:
 
 
 def detect_in(coarse: CTVolume, diameters_mm: Sequence[float]) -> list[FloatArray]:
-    """Return, for each of ``diameters_mm``, the places where the edges of a ``coarse`` copy agree on a ball."""
+    """Return, for each of ``diameters_mm``, the places (N, 3) where edges of a ``coarse`` copy agree on a ball."""
     voxels_hu = coarse.voxels_hu.astype(np.int16, copy=False)
     return _search(coarse.grid, lambda first, end: voxels_hu[first:end], diameters_mm)
 

@@ -22,7 +22,7 @@ def lookup_of(volume: CTVolume) -> Lookup:
 
 
 def unseen_share(volume: CTVolume, center_mm: FloatArray, radius_mm: float) -> float:
-    """Share of the ball's directions whose surface lies outside the scan, or where its voxels are padding."""
+    """Share of the directions about a center (3,) whose surface is outside the scan, or where voxels are padding."""
     return float(np.mean(np.isnan(sample_nearest(volume, center_mm + radius_mm * cell_directions()))))
 
 
