@@ -154,7 +154,8 @@ def _rescale(stored: Stored, image: SliceImage, target: Voxels, padded: NDArray[
     seen = stored if padded is None else stored[~padded]
     for bound, end in zip(stored_range(image.pixels), (np.min, np.max), strict=True):
         # What a scanner's 12 bits or an intercept below zero cannot bring beyond int16 is not looked at.
-        if not _fits(bound * slope + intercept) and seen.size and not _fits(int(end(seen)) * slope + intercept):
+        may_exceed = seen.size > 0 and not in_int16(bound * slope + intercept)
+        if may_exceed and not in_int16(int(end(seen)) * slope + intercept):
             raise DoesNotFitError
     np.copyto(target, stored, casting="unsafe")
     if slope != 1.0:
@@ -163,7 +164,8 @@ def _rescale(stored: Stored, image: SliceImage, target: Voxels, padded: NDArray[
         target += _modulo_int16(intercept)
 
 
-def _fits(value: float) -> bool:
+def in_int16(value: float) -> bool:
+    """Return whether ``value`` lies between the ends of an int16."""
     return bool(INT16.min <= value <= INT16.max)
 
 

@@ -24,9 +24,9 @@ from ronnaplan.ct.files import DamagedError, given_path
 from ronnaplan.ct.images import is_image_file, read_image
 from ronnaplan.ct.limits import DEFAULT_LIMITS, GIB, Limits
 from ronnaplan.ct.pixels import (
-    INT16,
     DoesNotFitError,
     has_bits_above,
+    in_int16,
     may_be_int16,
     may_be_unsigned,
     read_slice,
@@ -252,7 +252,7 @@ def _padding_hu(slices: Sequence[SliceImage]) -> float | None:
     for image in slices:
         if image.pixels.padding is not None:
             value = image.pixels.padding[0] * image.slope + image.intercept
-            return value if INT16.min <= value <= INT16.max and value.is_integer() else UNREPRESENTABLE_PADDING_HU
+            return value if in_int16(value) and value.is_integer() else UNREPRESENTABLE_PADDING_HU
     return None
 
 
