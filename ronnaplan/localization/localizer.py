@@ -6,7 +6,8 @@
    and a socket's rim (`rim`) do to its image is made good.
    All of that is done again where slices are far thicker than the header says (`thick`), where rays were summed before
    the logarithm was taken (`logarithm`), or where slices blur aslant (`slant`).
-3. What was turned down only for what is usual in the scan is judged again (`by_the_usual`).
+3. What was turned down only for what is usual in the scan is judged again (`by_the_usual`), and metal that was cut off
+   before the scan was resampled is fitted anew (`cut_before`).
 4. What is unlike the scan's other markers is turned down (`usual`).
 5. Each marker's covariance counts what is usual in the scan (`together`), and motion is suspected (`moved`).
 6. Markers are numbered from the top; another number than expected is refused. Markers that are alike ellipsoids tell
@@ -37,6 +38,7 @@ from ronnaplan.localization.fiducials import Fiducial, FiducialFlag, Fiducials, 
 from ronnaplan.localization.judge.uncertainty import NEIGHBOUR_COVERAGE
 from ronnaplan.localization.scanner.scan import Scan
 from ronnaplan.localization.scanner.summed import UNTOLD
+from ronnaplan.localization.scanwide.cut_before import as_cut_before
 from ronnaplan.localization.scanwide.logarithm import as_summed
 from ronnaplan.localization.scanwide.moving import moved
 from ronnaplan.localization.scanwide.slant import along_the_blur
@@ -87,6 +89,7 @@ def localize(
         beside.submit(lambda: volume.voxel_sha256)
         scan, examined = _examined(volume, diameters, marker, progress)
     (examined,) = by_the_usual([(scan, examined)], marker)
+    scan, examined = as_cut_before(scan, examined, lambda other, wanted: examine_places(other, wanted, marker))
     judged = unlike_turned_down(markers_in(examined))
     turned_down = [one for one in examined if not one.is_marker]
     accepted = [one for one in judged if one.is_marker]
@@ -139,7 +142,9 @@ def _examined(
         wanted = [(one.candidate_mm, one.stated_mm) for one in examined]
         examined = examine_places(scan, wanted, marker, progress)
     turned = along_the_blur(scan, examined, marker)
-    return (scan, examined) if turned is scan else (turned, examine(turned, diameters, marker, progress))
+    if turned is not scan:
+        scan, examined = turned, examine(turned, diameters, marker, progress)
+    return scan, examined
 
 
 def _by_template(

@@ -32,15 +32,25 @@ class Slant:
 
 
 class Scan:
-    """A volume with the facts about it that every fit needs; what is made of a ``whole`` scan has its scale's end."""
+    """A volume with the facts about it that every fit needs.
+
+    What is made of a ``whole`` scan has its scale's end, but where it is taken to end ``ends_at_hu``.
+    """
 
     def __init__(
-        self, volume: CTVolume, slant: Slant | None = None, whole: Scan | None = None, summed: Summed = UNTOLD
+        self,
+        volume: CTVolume,
+        slant: Slant | None = None,
+        whole: Scan | None = None,
+        summed: Summed = UNTOLD,
+        *,
+        ends_at_hu: float | None = None,
     ) -> None:
         self.volume = volume
         self.slant = slant
         self.summed = summed
         self._whole = whole
+        self._ends_at_hu = ends_at_hu
 
     @classmethod
     def of(cls, volume: CTVolume, slant: Slant | None = None, summed: Summed = UNTOLD) -> Scan:
@@ -114,4 +124,6 @@ class Scan:
     @property
     def ceiling_hu(self) -> float:
         """Value at which the scan clips, or infinity where its brightest voxels are not clipped."""
+        if self._ends_at_hu is not None:
+            return self._ends_at_hu
         return self.volume.scale_end_hu if self._whole is None else self._whole.ceiling_hu
