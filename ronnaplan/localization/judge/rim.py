@@ -34,6 +34,10 @@ LEAST_DRAWN_MM = 0.01
 """A rim that moves the center by less is let be. Haze at one side of a ball, and what hardens its rays, make the two
 fits differ by 5 to 8 um, and there the clear directions are no better; what is stated holds so much."""
 
+MOST_DRAWN_MM = 0.1
+"""No rim draws by more, which is twice what any did. In 5 mm slices clear directions put a ball 120 um elsewhere whose
+whole was 6 um off: few slices show how its poles end."""
+
 LEAST_CLEAR = 0.4
 """Clear directions tell a center if they are so many of all: of balls in sockets 0.48 to 0.78 are, of one that jumped
 while it was scanned less than 0.1, and they put it anywhere."""
@@ -80,7 +84,7 @@ def without_the_rim(fit: BallFit, diameter_mm: float) -> BallFit:
 
 
 def _was_drawn(moved_mm: FloatArray, rim: FloatArray) -> bool:
-    """Tell whether a center that has to be ``moved_mm`` (3,) had been drawn towards a ``rim`` (3,), and far enough."""
+    """Tell whether a center to be ``moved_mm`` (3,) had been drawn towards a ``rim`` (3,), as far as rims do."""
     far_mm, away = float(np.linalg.norm(moved_mm)), -float(moved_mm @ rim)
     straight = far_mm * float(np.linalg.norm(rim))
-    return far_mm >= LEAST_DRAWN_MM and away > math.cos(math.radians(TOWARDS_DEG)) * straight
+    return LEAST_DRAWN_MM <= far_mm <= MOST_DRAWN_MM and away > math.cos(math.radians(TOWARDS_DEG)) * straight

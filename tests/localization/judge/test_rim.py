@@ -14,6 +14,7 @@ from ronnaplan.localization.examine import fit_place
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.judge.evidence import Evidence
 from ronnaplan.localization.judge.noise import noise_level
+from ronnaplan.localization.judge.rim import _was_drawn
 from ronnaplan.localization.scanner.scan import Scan
 from tests.long import few_and_others
 from tests.scans import balls, scan, small_stack
@@ -78,3 +79,9 @@ def test_the_profile_of_thick_slices_is_no_rim() -> None:
     )
     fit = fit_place(Scan(volume), CENTER_MM + 0.1, 8.0)
     assert np.abs(fit.center_mm - CENTER_MM).max() < 0.006
+
+
+def test_what_moves_a_ball_farther_than_rims_do_is_none() -> None:
+    towards = np.array([0.0, 0.0, -20.0])
+    assert _was_drawn(np.array([0.0, 0.0, 0.05]), towards)
+    assert not _was_drawn(np.array([0.0, 0.0, 0.12]), towards)  # as the poles of 5 mm slices do
