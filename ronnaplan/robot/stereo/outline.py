@@ -18,7 +18,8 @@ from ronnaplan.robot.stereo.camera import Camera
 from ronnaplan.robot.stereo.circles import SMALLEST_RADIUS_PX, Image, find_circles
 from ronnaplan.robot.stereo.lights import MODELED_SHADOW_PX, SHADOW_PX, Sight, by_turning, in_each_light, weighed
 from ronnaplan.robot.stereo.pixel_noise import noise_on
-from ronnaplan.robot.stereo.shading import ShadedSphere, before_near_ground, find_shaded, in_own_shadow
+from ronnaplan.robot.stereo.shading import ShadedSphere, find_shaded
+from ronnaplan.robot.stereo.shading_again import before_near_ground, in_own_lights, in_own_shadow
 from ronnaplan.robot.stereo.specks import without_specks
 from ronnaplan.sigmas import SIGMA_LAMP_DEG
 
@@ -50,6 +51,9 @@ BRIGHT_GROUND, SHIFTED = 0.1, 3.0
 """A ground that is brighter than this share of the ball, on average, may bend, as in the ball's shadow, and shift the
 edge. It is looked at near the edge only where its place is another then by more than its errors (squared, in units of
 their covariance)."""
+LIMB_SDS = 4.0
+"""A limb that is darker than nothing by more standard deviations is none: before a ground that is brighter than it, the
+dark ring between both is explained as well by an outline that is too large, by a pixel or two, and beside its place."""
 GROUND_LEFT = 0.1
 """Of what the ground farther out shifts the place by, so much may be left by what is near: it bends there, too."""
 
@@ -127,17 +131,18 @@ def _outline(grey: Image, cone: Cone, camera: Camera, lamp_sd_deg: float) -> Out
 def _fitted(grey: Image, cone: Cone, camera: Camera) -> tuple[ShadedSphere, float] | None:
     """Return the sphere near ``cone`` and by how much its errors are larger than noise, or None where there is none.
 
-    A sphere whose light is not in the model, or that something spoils, is looked at in three more ways: as one in its
-    own shadow; by its rim alone, most of which a cable or a highlight in the middle leaves clean; and without what is
-    finer on it than light, as dust all over.
+    A sphere whose light is not in the model, or that something spoils, is looked at in four more ways: by its limb in
+    any light; as one in its own shadow; by its rim alone, most of which a cable or a highlight in the middle leaves
+    clean; and without what is finer on it than light, as dust all over.
     """
     ball = camera.pixels(cone.direction[None])[0], cone.half_angle * camera.focal_px
     noise, expected = noise_on(grey, *ball), (camera, cone.direction, cone.half_angle, cone.rays)
-    whole = _judged(_before_its_ground(find_shaded(grey, *expected), noise), noise)
-    if whole is not None and whole[1].excess > SHADOWED:
-        again = _judged(in_own_shadow(whole[0]), noise)
-        if again is not None and _is_in_shadow(*again, whole[1].excess):
-            return again[0], _doubted(*again)
+    found = _before_its_ground(find_shaded(grey, *expected), noise)
+    whole = _judged(found, noise)
+    if found is not None and (whole is None or whole[1].excess > SHADOWED):
+        other = _in_other_light(found, whole, noise)
+        if other is not None:
+            return other[0], _doubted(*other)
     largest = np.inf  # of what a rim may leave
     if whole is not None and whole[1].excess <= SHADOWED:
         largest = NOISY * noise
@@ -158,6 +163,28 @@ def _fitted(grey: Image, cone: Cone, camera: Camera) -> tuple[ShadedSphere, floa
         ):
             return beside[0], _doubted(*beside, by_part=True)
     return None if whole is None else (whole[0], _doubted(*whole, by_part=instead))
+
+
+def _in_other_light(
+    found: ShadedSphere, whole: tuple[ShadedSphere, Judged] | None, noise: float
+) -> tuple[ShadedSphere, Judged] | None:
+    """Return the sphere ``found`` in a light that is not in its model, or None where it is in no such.
+
+    By its limb, in whatever light, where that is neither dark nor shows more than noise; or in its own shadow, if the
+    ``whole`` of it is a sphere's. One lamp's shadow knows more where it is one lamp's; else it is elsewhere than the
+    limb.
+    """
+    limb = _judged(in_own_lights(found), noise) if found.noise <= NO_BALL * noise else None
+    if limb is not None and (not is_clean(limb[1]) or limb[0].dark > DARK):
+        limb = None
+    shaded = None if whole is None else _judged(in_own_shadow(found), noise)
+    if whole is None or shaded is None or not _is_in_shadow(*shaded, whole[1].excess):
+        return limb
+    if limb is None:
+        return shaded
+    apart = shaded[0].place[:2] - limb[0].place[:2]
+    errors = limb[1].excess * limb[0].covariance[:2, :2]
+    return limb if apart @ np.linalg.solve(errors, apart) > SHIFTED else shaded
 
 
 def _before_its_ground(found: ShadedSphere | None, noise: float) -> ShadedSphere | None:
@@ -183,10 +210,15 @@ def _doubted(found: ShadedSphere, told: Judged, *, by_part: bool = False) -> flo
 def _judged(found: ShadedSphere | None, noise: float) -> tuple[ShadedSphere, Judged] | None:
     """Return a sphere with how well its model explains the outline, or None where there is none.
 
-    What leaves many times the ``noise`` of its pixels is no ball, as a ring, whose edge alone may be one's.
+    What leaves many times the ``noise`` of its pixels is no ball, as a ring, whose edge alone may be one's; nor is one
+    whose limb shines less than nothing before a bright ground.
     """
-    told = None if found is None or found.noise > NO_BALL * noise else judge(found)
-    return None if found is None or told is None else (found, told)
+    if found is None or found.noise > NO_BALL * noise:
+        return None
+    if found.limb_sds < -LIMB_SDS and found.ground > BRIGHT_GROUND:
+        return None
+    told = judge(found)
+    return None if told is None else (found, told)
 
 
 def _sight(found: ShadedSphere, excess: float, camera: Camera) -> Sight:

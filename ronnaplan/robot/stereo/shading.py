@@ -11,15 +11,12 @@ Brightness within the outline is that of a few constants which mean something:
 All around lies a ground with its own brightness and slope in each sector. One blur makes the image of both. All pixels
 are fitted at once, so that light and edge are told apart as well as they can be.
 
-Where light from aside leaves a part of the sphere in its own shadow, what darkens as the cosine and light from aside
-can be held to be of one lamp, which lights nothing that faces away from it.
-
 What a limb as dark as the ground shows of its place depends on the light; `lights` judges that.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -28,17 +25,16 @@ from ronnaplan.robot.stereo.camera import Camera
 from ronnaplan.robot.stereo.circles import Image
 from ronnaplan.robot.stereo.profiles_compiled import PROFILE, blurred, shadowed, table_of
 from ronnaplan.robot.stereo.shading_compiled import (
-    ASIDE,
     BLUR,
     COMMON,
-    FALLING,
     LIGHT,
     OVAL,
+    OWN_GROUND,
     TILT,
     Flags,
     equations,
 )
-from ronnaplan.robot.stereo.shading_pixels import OUTWARD_PX, Pixels, pixels_near, within
+from ronnaplan.robot.stereo.shading_pixels import OUTWARD_PX, Pixels, pixels_near
 from ronnaplan.robot.stereo.shading_steps import (
     EARLY,
     FEWEST_PIXELS,
@@ -46,6 +42,7 @@ from ronnaplan.robot.stereo.shading_steps import (
     FIRST_EVERY,
     State,
     advance,
+    held,
     judge,
 )
 
@@ -61,8 +58,6 @@ STARTS, STRAYED_PX = 3, 2.5
 """A fit starts anew, so many times together, where the outline is so far from where its pixels were taken."""
 AGAIN = 2
 """A fit that goes on from another starts with this step."""
-NEAR_PX, NEAR_BLURS = 2.0, 4.0
-"""Ground near the ball is so far outside its edge, and so many blurs more: level and slope, if not farther out."""
 DECIDED = 8
 """From this step on sectors are left out only, so that none comes and goes for ever."""
 STEPS_IF_CLIPPED, LARGEST_NOISE_IF_CLIPPED = 12, 0.05
@@ -91,6 +86,8 @@ class ShadedSphere:
     """What of the brightness goes with each power (PROFILE) of the cosine, as shares."""
     dark: float
     """How much darker the limb is than the middle, as a share."""
+    limb_sds: float
+    """How bright the limb is, in standard deviations: what is below nothing is no light."""
     angles: FloatArray
     """Of the sectors (S), rad."""
     shifts_px: FloatArray
@@ -115,7 +112,7 @@ class ShadedSphere:
     def ground(self) -> float:
         """How bright the ground beside it is, as a share of its own brightness."""
         state = self.fitted[1]
-        return float(state.grounds[state.kept, 0].mean() / state.level)
+        return float(state.owns[state.kept, 0].mean() / state.level)
 
     @property
     def clipped_share(self) -> float:
@@ -125,7 +122,7 @@ class ShadedSphere:
 
 
 @dataclass(frozen=True, eq=False)
-class _Fitted:
+class Fitted:
     """What a fit tells beside the state that it leaves."""
 
     shifts_px: FloatArray
@@ -163,7 +160,7 @@ def find_shaded(
         return None
     if strayed is not None:
         state.geometry[4], state.light, state.level = strayed.geometry[4], strayed.light, strayed.level
-    fitted = _fit(pixels, state, 0 if strayed is None else AGAIN, may_stray=starts > 1)
+    fitted = fit_sphere(pixels, state, 0 if strayed is None else AGAIN, may_stray=starts > 1)
     if fitted is None:
         return None
     if (fitted.strayed or fitted.moved > UNSETTLED) and starts > 1:
@@ -173,45 +170,12 @@ def find_shaded(
         strayed = state if fitted.strayed else None
         again = grey, camera, found, float(place[2]), seen
         return find_shaded(*again, rim_only=rim_only, starts=starts - 1, strayed=strayed)
-    return _result(pixels, state, fitted, axis, across, shadows=False)
+    return result_of(pixels, state, fitted, axis, across, shadows=False)
 
 
-def in_own_shadow(found: ShadedSphere) -> ShadedSphere | None:
-    """Return the sphere ``found`` as one that is partly in its own shadow, or None where it is none.
-
-    What darkens as the cosine and light from aside are of one lamp, which lights nothing that faces away from it. Goes
-    on from where the sphere was found, at the same pixels: what the limb shows on the dark side is taken to be there
-    all around, and what it shows more on the bright side to be the lamp's.
-    """
-    pixels, before = found.fitted
-    uneven = before.light[0] * found.light[:2] + found.light[2:4] * before.level
-    light = np.zeros(COMMON - LIGHT)
-    light[0] = before.light[0] - np.linalg.norm(uneven)
-    light[1] = before.level - light[0]
-    light[ASIDE - LIGHT : FALLING - LIGHT] = 2 * uneven
-    state = replace(before, light=light, last=np.zeros(COMMON))
-    fitted = _fit(pixels, state, AGAIN, shadows=True)
-    return None if fitted is None else _result(pixels, state, fitted, found.expected, found.across, shadows=True)
-
-
-def before_near_ground(found: ShadedSphere) -> ShadedSphere | None:
-    """Return the sphere ``found`` by the ground near its edge only, or None: a shadow, or a pattern, is no slope."""
-    pixels, before = found.fitted
-    reach = NEAR_PX + NEAR_BLURS * float(before.geometry[4])
-    if reach > OUTWARD_PX:
-        return None
-    near, state = (
-        within(pixels, before.geometry[:2], before.geometry[2] + reach),
-        replace(before, last=np.zeros(COMMON)),
-    )
-    fitted = _fit(near, state, AGAIN)
-    told = None if fitted is None else _result(near, state, fitted, found.expected, found.across, shadows=False)
-    return None if told is None else replace(told, by_ground=found.place - told.place)
-
-
-def _fit(
+def fit_sphere(
     pixels: Pixels, state: State, start: int, *, shadows: bool = False, may_stray: bool = False
-) -> _Fitted | None:
+) -> Fitted | None:
     """Fit the sphere's ``state`` to the ``pixels``, from step ``start`` on; return what is told of it.
 
     None where too little agrees.
@@ -228,7 +192,7 @@ def _fit(
         fit = state.geometry, table_of(shapes, state.light), -OUTWARD_PX - BEYOND_PX, TABLE_STEP_PX, state.light
         every = FIRST_EVERY if step < EARLY else 1
         of = pixels.places, pixels.grey, pixels.weights, pixels.starts, every, pixels.clipped_at
-        reduced, answers, told = equations(*of, *fit, state.grounds, cast)
+        reduced, answers, told = equations(*of, *fit, state.owns, held(state), cast)
         before = state.kept
         clipped = told[:, 0] < -(-np.diff(pixels.starts) // every)
         shifts, sds = judge(state, reduced, told, clipped, step, DECIDED + more)
@@ -243,7 +207,7 @@ def _fit(
             break
     if state.noise > LARGEST_NOISE_IF_CLIPPED * pixels.clipped_at:
         return None
-    return _Fitted(shifts, sds, normal, moved, strayed)
+    return Fitted(shifts, sds, normal, moved, strayed)
 
 
 def _table_of(radius: float) -> tuple[float, float, int]:
@@ -268,12 +232,12 @@ def _start(pixels: Pixels, half_angle: float, seen: Flags) -> State | None:
         return None
     level = float(np.median(np.abs(pixels.grey[inside]))) + 1e-9
     geometry = np.array([0.0, 0.0, radius, pixels.focal_px, FIRST_BLUR_PX])
-    grounds, last = np.zeros((len(kept), 2)), np.zeros(COMMON)
-    return State(geometry, np.zeros(COMMON - LIGHT), grounds, kept, 0.1 * level, level, last)
+    owns, last = np.zeros((len(kept), OWN_GROUND)), np.zeros(COMMON)
+    return State(geometry, np.zeros(COMMON - LIGHT), owns, kept, 0.1 * level, level, last)
 
 
-def _result(
-    pixels: Pixels, state: State, fitted: _Fitted, axis: FloatArray, across: FloatArray, *, shadows: bool
+def result_of(
+    pixels: Pixels, state: State, fitted: Fitted, axis: FloatArray, across: FloatArray, *, shadows: bool
 ) -> ShadedSphere | None:
     """Return the fitted sphere, or None where the fit did not settle."""
     if fitted.moved > UNSETTLED:
@@ -282,6 +246,7 @@ def _result(
     units = np.array([focal] * 3 + [1.0] * 2 + [state.level] * 4)
     chosen = np.r_[0:BLUR, TILT:OVAL]
     covariance = np.asarray(np.linalg.inv(fitted.normal) * state.noise**2, dtype=np.float64)
+    sds = np.sqrt(np.diag(covariance))
     return ShadedSphere(
         axis,
         across,
@@ -290,6 +255,7 @@ def _result(
         covariance[np.ix_(chosen, chosen)] / np.outer(units, units),
         state.light[:PROFILE] / state.level,
         float(np.clip(1 - state.light[0] / state.level, 0, 1)),
+        float(state.light[0] / sds[LIGHT]),
         ((np.arange(count) + 0.5) / count - 0.5) * 2 * np.pi,
         fitted.shifts_px,
         fitted.sds_px,

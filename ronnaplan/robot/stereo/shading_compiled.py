@@ -17,8 +17,9 @@ OVAL = FALLING + 2
 COMMON = OVAL + 4
 """Unknowns of the whole sphere, by where they stand: its place and radius (3), the blur, the light: the profile, its
 tilt (2), light from aside (2), such as falls off to the limb (2), and waves of two periods (4)."""
-OWN = 2
-"""And of each sector: the ground, and its slope."""
+OWN_GROUND, OWN_LIGHT = 2, 2
+"""And of each sector: the ground and its slope; where it has a light of its own, light from aside, even and falling
+off."""
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
@@ -97,7 +98,7 @@ def model_rows(
     first_px: float,
     step_px: float,
     light: FloatArray,
-    ground: FloatArray,
+    own: FloatArray,
     shadows: FloatArray,
     rows: FloatArray,
     sums: FloatArray,
@@ -108,15 +109,16 @@ def model_rows(
     are how many tell something, how much they tell of the edge, and what the model leaves of them, squared, as far as
     they do.
     ``geometry`` (5): where the axis meets the plane (2, px), the radius, the focal length and the blur (px); ``light``
-    is that of the profile, its tilt, from aside (even, and falling off) and the waves; ``ground`` (2) is level and
-    slope. With ``shadows`` (SLANTS, N, 3) light from aside and what darkens as the cosine are of one lamp, which lights
-    no place that it does not see.
+    is that of the profile, its tilt, from aside (even, and falling off) and the waves; ``own`` (2 or 4) is the ground's
+    level and slope, and light from aside (even, and falling off) of this sector alone. With ``shadows`` (SLANTS, N, 3)
+    light from aside and what darkens as the cosine are of one lamp, which lights no place that it does not see.
     """
     casts = len(shadows) > 0 and light[1] > 0.0
     columns = COLUMNS if casts else SHADOW
     cast, half_angle = np.zeros(5), geometry[2] / geometry[3]
     f, ax, ay = geometry[3], geometry[0] / geometry[3], geometry[1] / geometry[3]
-    of_axis, at = 1 + ax * ax + ay * ay, np.empty(COLUMNS)
+    of_axis, at, left_at = 1 + ax * ax + ay * ay, np.empty(COLUMNS), COMMON + len(own)
+    own_aside, own_falling = (own[OWN_GROUND], own[OWN_GROUND + 1]) if len(own) > OWN_GROUND else (0.0, 0.0)
     for n in range(len(places)):
         px, py, row = places[n, 0] / f, places[n, 1] / f, rows[n]
         cx, cy, cz = py - ay, ax - px, px * ay - py * ax
@@ -138,8 +140,13 @@ def model_rows(
         if casts:
             cast_by(shadows, light[1], aside, half_angle, whole, share, at, cast)
         for k in range(3):
-            told = cast[k] + ground[0] * at[k] + ground[1] * at[3 + k] + at[6 + k] + tilt * at[9 + k]
-            told += aside * at[12 + k] + falling * at[15 + k] + wave * at[18 + k] + other * at[21 + k]
+            told = cast[k] + own[0] * at[k] + own[1] * at[3 + k] + at[6 + k] + tilt * at[9 + k]
+            told += (
+                (aside + own_aside) * at[12 + k]
+                + (falling + own_falling) * at[15 + k]
+                + wave * at[18 + k]
+                + other * at[21 + k]
+            )
             row[k] = told
         if grey[n] >= clipped_at and row[0] >= clipped_at:
             row[:] = 0.0
@@ -156,7 +163,9 @@ def model_rows(
         row[ASIDE], row[ASIDE + 1] = (at[12] + cast[4]) * c, (at[12] + cast[4]) * d
         row[FALLING], row[FALLING + 1] = at[15] * c, at[15] * d
         row[OVAL], row[OVAL + 1], row[OVAL + 2], row[OVAL + 3] = at[18] * cc, at[18] * dd, at[21] * cc, at[21] * dd
-        row[COMMON], row[COMMON + 1], row[COMMON + OWN] = at[0], at[3], left
+        row[COMMON], row[COMMON + 1], row[left_at] = at[0], at[3], left
+        if len(own) > OWN_GROUND:
+            row[COMMON + OWN_GROUND], row[COMMON + OWN_GROUND + 1] = at[12], at[15]
         if weights[n] != 1.0:
             row *= weights[n]
 
@@ -208,35 +217,40 @@ def equations(
     first_px: float,
     step_px: float,
     light: FloatArray,
-    grounds: FloatArray,
+    owns: FloatArray,
+    held: FloatArray,
     shadows: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return each sector's normal matrix (S, K, K) without its own ground, and that ground's answer (S, 2, K).
+    """Return each sector's normal matrix (S, K, K) without its own unknowns (S, P), and the answer (S, P, K) of these.
 
-    The last row and column are of what the model leaves. Also what `model_rows` tells of the sector's pixels (S, 3), of
-    which one of ``every`` so many is taken.
+    The last row and column are of what the model leaves. ``owns`` are held at nothing by the weights ``held`` (P).
+    Also what `model_rows` tells of the sector's pixels (S, 3), of which one of ``every`` so many is taken.
     """
-    count = len(starts) - 1
+    count, own = owns.shape
     sums = np.zeros((count, 3))
-    reduced, answers = np.zeros((count, COMMON + 1, COMMON + 1)), np.zeros((count, OWN, COMMON + 1))
-    rows = np.empty(((starts[1:] - starts[:-1]).max() // every + 1, COMMON + OWN + 1))
+    reduced, answers = np.zeros((count, COMMON + 1, COMMON + 1)), np.zeros((count, own, COMMON + 1))
+    rows = np.empty(((starts[1:] - starts[:-1]).max() // every + 1, COMMON + own + 1))
     for s in range(count):
         of = rows[: (starts[s + 1] - starts[s] + every - 1) // every]
         taken = slice(starts[s], starts[s + 1], every)
-        fit = geometry, table, first_px, step_px, light, grounds[s], shadows
+        fit = geometry, table, first_px, step_px, light, owns[s], shadows
         model_rows(places[taken], grey[taken], weights[taken], clipped_at, *fit, of, sums[s])
-        normal = of.T @ of
-        a, b, c = normal[COMMON, COMMON], normal[COMMON, COMMON + 1], normal[COMMON + 1, COMMON + 1]
-        a, c = a * (1 + 1e-6) + 1e-6, c * (1 + 1e-6) + 1e-6
-        det = a * c - b * b
-        for k in range(COMMON + 1):
-            column = k if k < COMMON else COMMON + OWN
-            u, v = normal[COMMON, column], normal[COMMON + 1, column]
-            answers[s, 0, k], answers[s, 1, k] = (c * u - b * v) / det, (a * v - b * u) / det
-            for m in range(COMMON + 1):
-                row = m if m < COMMON else COMMON + OWN
-                reduced[s, m, k] = normal[row, column]
-                reduced[s, m, k] -= (
-                    normal[row, COMMON] * answers[s, 0, k] + normal[row, COMMON + 1] * answers[s, 1, k]
-                )
+        normal, last = of.T @ of, COMMON + own
+        for k in range(own):
+            at = COMMON + k
+            normal[at, at] = (normal[at, at] + held[k]) * (1 + 1e-6) + 1e-6
+            normal[at, last] -= held[k] * owns[s, k]
+            normal[last, at] = normal[at, last]
+            normal[last, last] += held[k] * owns[s, k] ** 2
+        for k in range(own):  # Gauss and Jordan
+            at = COMMON + k
+            normal[at] /= normal[at, at]
+            for m in range(last + 1):
+                if m != at:
+                    normal[m] -= normal[m, at] * normal[at]
+        for m in range(COMMON + 1):
+            row = m if m < COMMON else last
+            reduced[s, m, :COMMON], reduced[s, m, COMMON] = normal[row, :COMMON], normal[row, last]
+        for k in range(own):
+            answers[s, k, :COMMON], answers[s, k, COMMON] = normal[COMMON + k, :COMMON], normal[COMMON + k, last]
     return reduced, answers, sums

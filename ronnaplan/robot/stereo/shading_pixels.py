@@ -69,12 +69,12 @@ def pixels_near(
     clipped_at = brightest if np.count_nonzero(window == brightest) >= MANY else np.inf
     gathered = gather(window, bend, middle - low, scale, radius, bounds, count, max(block, 1), clipped_at)
     found = Pixels(*gathered, focal, clipped_at)
-    return _beyond(found, radius - max(RIM_PX, RIM * radius)) if rim_only else found
+    return beyond(found, np.zeros(2), radius - max(RIM_PX, RIM * radius)) if rim_only else found
 
 
-def _beyond(pixels: Pixels, least_px: float) -> Pixels:
-    """Return those of the ``pixels`` that are farther from the middle than ``least_px``."""
-    return _those(pixels, np.hypot(*pixels.places.T) > least_px)
+def beyond(pixels: Pixels, middle_px: FloatArray, least_px: float) -> Pixels:
+    """Return those of the ``pixels`` that are farther from ``middle_px`` (2,) than ``least_px``."""
+    return _those(pixels, np.hypot(*(pixels.places - middle_px).T) > least_px)
 
 
 def within(pixels: Pixels, middle_px: FloatArray, most_px: float) -> Pixels:

@@ -8,7 +8,17 @@ import numpy as np
 
 from ronnaplan.geometry import SD_PER_DEVIATION, FloatArray
 from ronnaplan.robot.stereo.profiles_compiled import PROFILE
-from ronnaplan.robot.stereo.shading_compiled import ASIDE, BLUR, COMMON, FALLING, LIGHT, OVAL, TILT, Flags
+from ronnaplan.robot.stereo.shading_compiled import (
+    ASIDE,
+    BLUR,
+    COMMON,
+    FALLING,
+    LIGHT,
+    OVAL,
+    OWN_GROUND,
+    TILT,
+    Flags,
+)
 
 FEWEST_PIXELS = 20
 """Sectors with fewer pixels, as beyond the image's border, know no edge."""
@@ -41,7 +51,8 @@ class State:
     geometry: FloatArray
     """Place (2), radius, focal length and blur, px."""
     light: FloatArray
-    grounds: FloatArray
+    owns: FloatArray
+    """Each sector's own ground (level and slope), and its own light from aside (even, and falling off) or none."""
     kept: Flags
     noise: float
     level: float
@@ -110,12 +121,19 @@ def advance(
     change[:BLUR] = np.minimum(np.maximum(change[:BLUR], -LARGEST_STEP_PX), LARGEST_STEP_PX)
     blur = float(state.geometry[4])
     change[BLUR] = min(max(change[BLUR], -blur / 4, BLUR_PX[0] - blur), blur / 2, BLUR_PX[1] - blur)
-    state.grounds = state.grounds + answers[:, :, -1] - answers[:, :, :-1] @ change
+    state.owns = state.owns + answers[:, :, -1] - answers[:, :, :-1] @ change
     state.geometry = state.geometry + np.array([*change[:3], 0, change[BLUR]])
     state.light, state.last = state.light + change[LIGHT:], change
     state.level = max(abs(float(state.light[:PROFILE].sum())), 0.1 * state.level)
     sds = state.noise * np.sqrt(np.diag(inverse)[:BLUR])
     return float((np.abs(change[:BLUR]) / np.maximum(SETTLED_SDS * sds, SETTLED_PX)).max()), normal
+
+
+def held(state: State) -> FloatArray:
+    """Return by what weights (P) a sector's own unknowns are held at nothing: its light as light from aside is."""
+    weights = np.full(state.owns.shape[1], (state.noise / (ASIDE_SD * state.level)) ** 2)
+    weights[:OWN_GROUND] = 0.0
+    return weights
 
 
 def _middle(values: FloatArray) -> float:

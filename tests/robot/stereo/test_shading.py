@@ -7,7 +7,8 @@ from ronnaplan.robot.stereo import shading
 from ronnaplan.robot.stereo.camera import Camera
 from ronnaplan.robot.stereo.circles import Image
 from ronnaplan.robot.stereo.outline import find_cones
-from ronnaplan.robot.stereo.shading import ShadedSphere, find_shaded, in_own_shadow
+from ronnaplan.robot.stereo.shading import ShadedSphere, find_shaded
+from ronnaplan.robot.stereo.shading_again import in_own_shadow
 from tests.long import few_and_others
 from tests.robot.stereo.stereo_views import rendered
 
