@@ -49,7 +49,7 @@ DARK = 0.9
 same, and that the ball is even would be believed of what nothing shows."""
 BRIGHT_GROUND, SHIFTED = 0.1, 3.0
 """A ground that is brighter than this share of the ball, on average, may bend, as in the ball's shadow, and shift the
-edge. It is looked at near the edge only where its place is another then by more than its errors (squared, in units of
+edge. It is looked at near the edge only where its place is another than by more than its errors (squared, in units of
 their covariance)."""
 LIMB_SDS = 4.0
 """A limb that is darker than nothing by more standard deviations is none: before a ground that is brighter than it, the
