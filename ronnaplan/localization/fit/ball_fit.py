@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,8 +54,6 @@ class BallFit:
     The rest is pulled by a screw that crosses its slices (`judge.crossed`), or by a socket's rim (`judge.rim`)."""
     drawn: BallFit | None = None
     """The fit by the whole of a ball in a socket, whose rim draws it."""
-    told: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
-    """What was told of this very fit and is asked again, by what tells it."""
 
     @property
     def center_mm(self) -> FloatArray:

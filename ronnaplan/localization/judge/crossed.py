@@ -21,7 +21,7 @@ from ronnaplan.localization.fit.algebra import inverse
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.model import METAL_CONTRAST_HU, has_layer
 from ronnaplan.localization.fit.parameters import CENTER, CONTRAST, RADIUS, WIDTH
-from ronnaplan.localization.judge.held import directions_touched, is_metal_beyond, metal_beyond
+from ronnaplan.localization.judge.held import Beyond, is_metal_beyond, what_touches
 from ronnaplan.localization.judge.part import HALF_A_BALL, fit_by_part, is_plain
 from ronnaplan.localization.judge.uncertainty import ADAPTED_SLICES, WEIGHTS, by_slices
 
@@ -74,16 +74,17 @@ def without_the_screw(volume: CTVolume, fit: BallFit) -> BallFit:
     )
 
 
-def untold_mm2(volume: CTVolume, fit: BallFit) -> FloatArray:
+def untold_mm2(volume: CTVolume, fit: BallFit, touching: Beyond) -> FloatArray:
     """Covariance (3, 3) in LPS, mm^2, of the pull of a screw that leaves too few slices clear to tell it.
+
+    The fit is by the whole of a ball, of which ``touching`` is what `what_touches` it.
 
     It makes what it crosses of a ball fainter. What that does to the center, the voxels' influence tells: much where
     few thick slices hold a ball, whose edges tell less and whose levels tell more; nothing where both halves are
     crossed alike. It is stated of clipped balls of ceramic, too, which slices without the screw are not asked about.
     """
-    fit = fit.drawn or fit
     is_asked = fit.by_part_mm2 is None and (is_plain(fit) or _is_clipped_ceramic(fit))
-    crossed_mm = _crossed_mm(volume, fit) if is_asked else None
+    crossed_mm = _crossed_mm(volume, fit, touching) if is_asked else None
     if crossed_mm is None:
         return np.zeros((3, 3))
     across = fit.neighbourhood.across
@@ -126,7 +127,7 @@ def _farther_mm(fit: BallFit, off_mm: FloatArray, clear_mm: FloatArray) -> Float
 
 def _clear_of_screws(volume: CTVolume, fit: BallFit) -> NDArray[np.bool_] | None:
     """Whether no screw crosses the slices of the voxels (N,) of a fit; None where none or too many are crossed."""
-    crossed_mm = _crossed_mm(volume, fit)
+    crossed_mm = _crossed_mm(volume, fit, what_touches(volume, fit))
     if crossed_mm is None:
         return None
     radius_mm, width_mm = float(fit.theta[RADIUS]), float(fit.theta[WIDTH])
@@ -141,16 +142,15 @@ def _clear_of_screws(volume: CTVolume, fit: BallFit) -> NDArray[np.bool_] | None
     return is_clear
 
 
-def _crossed_mm(volume: CTVolume, fit: BallFit) -> tuple[float, float] | None:
+def _crossed_mm(volume: CTVolume, fit: BallFit, touching: Beyond) -> tuple[float, float] | None:
     """From what height over a ball's center to what height metal lies beside it; None where its slices cross none.
 
     Slices as they were measured: rays run across the patient's axis in coronal and sagittal pictures, too.
     """
     radius_mm, axes = float(fit.theta[RADIUS]), fit.neighbourhood.axes
-    metal_mm, _ = metal_beyond(volume, fit, directions_touched(fit))
-    if not len(metal_mm):
+    if not len(touching.metal_mm):
         return None
-    heights_mm = metal_mm @ axes[fit.neighbourhood.across]
+    heights_mm = touching.metal_mm @ axes[fit.neighbourhood.across]
     low_mm, high_mm = float(heights_mm.min()), float(heights_mm.max())
     beyond_mm = radius_mm + _beside_mm(volume, fit)
     return (low_mm, high_mm) if low_mm < beyond_mm and high_mm > -beyond_mm else None

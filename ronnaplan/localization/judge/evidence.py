@@ -15,7 +15,7 @@ from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.directions import Verdict
 from ronnaplan.localization.judge.crossed import is_beside_metal, untold_mm2
 from ronnaplan.localization.judge.edge import Edge
-from ronnaplan.localization.judge.held import directions_touched, held_by
+from ronnaplan.localization.judge.held import held_by, what_touches
 from ronnaplan.localization.judge.motion import Movement, movement
 from ronnaplan.localization.judge.uncertainty import (
     by_panel,
@@ -84,10 +84,12 @@ class Evidence:
     @cached_property
     def covariance_mm2(self) -> FloatArray:
         """Covariance (3, 3) of the center in LPS."""
-        fit = self.fit
-        axis, is_metal = held_by(self.volume, fit, directions_touched(fit))
+        fit, whole = self.fit, self.fit.drawn or self.fit
+        touching = what_touches(self.volume, fit)
+        touching_whole = touching if whole is fit else what_touches(self.volume, whole)
+        axis, is_metal = held_by(touching)
         pull_mm2 = pulled_mm2(fit, axis, is_metal=is_metal or fit.may_be_metal)
-        pull_mm2 = pull_mm2 + untold_mm2(self.volume, fit) + near_faces_mm2(fit)
+        pull_mm2 = pull_mm2 + untold_mm2(self.volume, whole, touching_whole) + near_faces_mm2(fit)
         pull_mm2 = pull_mm2 + lagging_mm2(by_panel(fit.theta), lag_mm(self.volume.grid), fit.neighbourhood.axes)
         if is_beside_metal(self.volume, fit):
             pull_mm2 = pull_mm2 + streaked_mm2(fit)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,49 +22,45 @@ from ronnaplan.localization.search.nearest import fill_nearest, lookup_of
 SCREW_REACH_MM, SCREW_MM, SCREW_STEP_MM = 25.0, 2.0, 0.5
 """A screw is looked for so far beyond the ball, so far beside each direction in every way, in these steps."""
 
-METAL = "metal"
-"""By this name a fit keeps what was found beyond it."""
-
 LEAST_HELD = 0.05
 """What touches fewer of a ball's directions than this share does not hold it: noise leaves out single ones."""
 
 
-def directions_touched(fit: BallFit) -> FloatArray:
-    """Directions (N, 3) in LPS in which something touches a ball."""
-    directions: FloatArray = cell_directions()[fit.verdict.state == 0] @ fit.neighbourhood.axes
-    return directions
+@dataclass(frozen=True)
+class Beyond:
+    """What was found beyond a ball in some ``directions`` (N, 3) in LPS."""
+
+    directions: FloatArray
+    of_metal: NDArray[np.bool_]
+    """In which of them (N,) metal lies."""
+    metal_mm: FloatArray
+    """Where it lies (K, 3), from the ball's center."""
 
 
-def held_by(volume: CTVolume, fit: BallFit, touching: FloatArray) -> tuple[FloatArray, bool]:
+def held_by(touching: Beyond) -> tuple[FloatArray, bool]:
     """Return the unit vector (3,) in LPS towards what holds a ball, and whether there is metal in it.
 
-    It is the mean of those directions ``touching`` (N, 3) it in which metal lies, or else of all of them; zero where
-    these are too few.
+    It is the mean of those directions ``touching`` it in which metal lies, or else of all of them; zero where these are
+    too few.
     """
-    _, of_metal = metal_beyond(volume, fit, touching)
-    is_metal = bool(of_metal.any())
-    toward = touching[of_metal if is_metal else slice(None)].sum(axis=0)
+    is_metal = bool(touching.of_metal.any())
+    toward = touching.directions[touching.of_metal if is_metal else slice(None)].sum(axis=0)
     length = float(np.linalg.norm(toward))
     holds = length > 0.0 if is_metal else length > LEAST_HELD * CELL_COUNT
     axis: FloatArray = toward / length if holds else np.zeros(3)
     return axis, is_metal
 
 
-def metal_beyond(volume: CTVolume, fit: BallFit, directions: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return where metal lies (K, 3), from a ball's center, in some ``directions`` (N, 3) beyond it, and in which.
+def what_touches(volume: CTVolume, fit: BallFit) -> Beyond:
+    """Return what lies beyond a ball in the directions in which something touches it."""
+    return metal_beyond(volume, fit, cell_directions()[fit.verdict.state == 0] @ fit.neighbourhood.axes)
 
-    What lies nearer is the ball, or its blur. Where the scale ends below metal, what reaches its end may be metal. The
-    same is asked of a fit three times.
+
+def metal_beyond(volume: CTVolume, fit: BallFit, directions: FloatArray) -> Beyond:
+    """Look for metal in ``directions`` (N, 3) in LPS beyond a ball; what lies nearer is the ball, or its blur.
+
+    Where the scale ends below metal, what reaches its end may be metal.
     """
-    of, asked, found = fit.told.get(METAL, (None, directions, None))
-    if found is None or of is not volume or not np.array_equal(asked, directions):
-        found = _metal_in(volume, fit, directions)
-        fit.told[METAL] = volume, directions, found
-    beyond: tuple[FloatArray, NDArray[np.bool_]] = found
-    return beyond
-
-
-def _metal_in(volume: CTVolume, fit: BallFit, directions: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
     clear_mm, axes, least_hu = _clear_mm(fit), volume.grid.axes, min(METAL_HU, fit.ceiling_hu)
     along = clear_mm + np.arange(0.0, SCREW_REACH_MM, SCREW_STEP_MM)
     beside = SCREW_MM * np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=3)))
@@ -71,7 +68,7 @@ def _metal_in(volume: CTVolume, fit: BallFit, directions: FloatArray) -> tuple[F
     places, of_metal = _metal_beyond(
         axes @ fit.center_mm, towards, along, beside, clear_mm, least_hu, *lookup_of(volume)
     )
-    return places @ axes, of_metal
+    return Beyond(directions, of_metal, places @ axes)
 
 
 def is_metal_beyond(volume: CTVolume, fit: BallFit, directions: FloatArray) -> bool:
@@ -94,7 +91,7 @@ def is_metal_beyond(volume: CTVolume, fit: BallFit, directions: FloatArray) -> b
     columns, rows = (slice(max(one, 0), max(other, 0)) for one, other in zip(begin, stop, strict=True))
     box_hu = volume.voxels_hu[first:end, rows, columns]
     is_metal_there = box_hu.size > 0 and box_hu.max() >= min(METAL_HU, fit.ceiling_hu)
-    return bool(is_metal_there and metal_beyond(volume, fit, directions)[1].any())
+    return bool(is_metal_there and metal_beyond(volume, fit, directions).of_metal.any())
 
 
 def _clear_mm(fit: BallFit) -> float:

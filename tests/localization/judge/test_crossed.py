@@ -16,6 +16,7 @@ from ronnaplan.localization.examine import fit_place
 from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.judge.crossed import untold_mm2, without_the_screw
 from ronnaplan.localization.judge.evidence import Evidence
+from ronnaplan.localization.judge.held import what_touches
 from ronnaplan.localization.judge.noise import noise_level
 from ronnaplan.localization.scanner.scan import Scan
 from tests.scans import balls, offsets_mm, scan, small_stack
@@ -69,6 +70,10 @@ def fit_of(volume: CTVolume, diameter_mm: float = DIAMETER_MM) -> BallFit:
     return fit_place(Scan(volume), CENTER_MM + 0.1, diameter_mm)
 
 
+def untold_of(volume: CTVolume, fit: BallFit) -> FloatArray:
+    return untold_mm2(volume, fit, what_touches(volume, fit))
+
+
 def stated_mm2(volume: CTVolume, fit: BallFit) -> FloatArray:
     return Evidence(fit, DIAMETER_MM, 0.6, 0.6, noise_level(fit), 0.0, volume).covariance_mm2
 
@@ -105,7 +110,7 @@ def test_a_pull_that_too_few_clear_slices_would_tell_is_stated(spacing_mm: float
 def test_a_pull_is_stated_where_no_slice_is_clear_either() -> None:
     """Half a slice beside the metal on both sides leaves nothing of a small ball; the lower half is crossed alone."""
     volume = on_a_screw(6.0, streak=False, spacing_mm=2.5, diameter_mm=5.0)
-    stated = untold_mm2(volume, fit_of(volume, 5.0))
+    stated = untold_of(volume, fit_of(volume, 5.0))
     assert math.sqrt(stated[2, 2]) > 0.008  # 0 where it is told by how much is clear
 
 
@@ -122,7 +127,7 @@ def test_a_pull_is_stated_of_ceramic_that_the_scale_clips() -> None:
 def test_thick_slices_make_no_screw_along_them_one_sided() -> None:
     """Nearly all is crossed, and how much of either end is left says hardly more than where the slices lie."""
     volume = on_a_screw(0.0, streak=False, spacing_mm=2.0)
-    assert math.sqrt(untold_mm2(volume, fit_of(volume))[2, 2]) < 0.004  # 0.013
+    assert math.sqrt(untold_of(volume, fit_of(volume))[2, 2]) < 0.004  # 0.013
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 60.0], ids=["along the slices", "steep"])
@@ -131,7 +136,7 @@ def test_a_screw_that_crosses_both_halves_or_none_moves_nothing(tilt_deg: float)
     fit = fit_of(volume)
     assert fit.by_part_mm2 is None
     assert without_the_screw(volume, fit) is fit
-    assert np.abs(untold_mm2(volume, fit)).max() < 1e-6
+    assert np.abs(untold_of(volume, fit)).max() < 1e-6
 
 
 def test_where_no_pull_shows_the_center_stays() -> None:

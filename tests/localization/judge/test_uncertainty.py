@@ -21,7 +21,7 @@ from ronnaplan.localization.fit.ball_fit import BallFit
 from ronnaplan.localization.fit.parameters import BLUR, RADIUS, SHAPE, WIDTH, profile_half_mm
 from ronnaplan.localization.judge import uncertainty
 from ronnaplan.localization.judge.edge import Edge
-from ronnaplan.localization.judge.held import held_by
+from ronnaplan.localization.judge.held import held_by, metal_beyond
 from ronnaplan.localization.judge.motion import movement
 from ronnaplan.localization.judge.noise import noise_level
 from ronnaplan.localization.judge.uncertainty import (
@@ -313,7 +313,7 @@ def test_what_holds_a_ball_is_sought_where_something_touches_it() -> None:
     fit = fit_of(screwed)
 
     def held(touching: FloatArray) -> tuple[list[float], bool]:
-        axis, is_metal = held_by(screwed, fit, touching)
+        axis, is_metal = held_by(metal_beyond(screwed, fit, touching))
         return axis.tolist(), is_metal
 
     many_up = np.repeat(up, 6, axis=0)
