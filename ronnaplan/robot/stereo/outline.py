@@ -41,9 +41,9 @@ cosine, are not in the model, and show so."""
 NOISY = 1.1
 """A ball that leaves more than so many times the noise of its pixels shows what its model lacks, as a highlight in its
 middle: beside it light has no more noise. Its rim is believed instead where that leaves less."""
-NO_BALL = 5.0
-"""What leaves more than so many times that noise is none. Compressed images, whose pixels seem to have less, leave
-up to three times of it."""
+NO_BALL, SMOOTH_PX = 4.5, 2
+"""What leaves more than so many times the noise of pixels so far apart is none. Beside each other pixels of compressed
+images seem to have less: by JPEG of quality 75 balls leave 4 to 8 times of that, and 2 to 3.5 of this."""
 DARK = 0.9
 """Yet not where the rim is so much darker at the limb than in the middle: lit from aside, uneven and moved it looks the
 same, and that the ball is even would be believed of what nothing shows."""
@@ -136,11 +136,12 @@ def _fitted(grey: Image, cone: Cone, camera: Camera) -> tuple[ShadedSphere, floa
     clean; and without what is finer on it than light, as dust all over.
     """
     ball = camera.pixels(cone.direction[None])[0], cone.half_angle * camera.focal_px
-    noise, expected = noise_on(grey, *ball), (camera, cone.direction, cone.half_angle, cone.rays)
+    noise, most = noise_on(grey, *ball), NO_BALL * noise_on(grey, *ball, apart=SMOOTH_PX)
+    expected = camera, cone.direction, cone.half_angle, cone.rays
     found = _before_its_ground(find_shaded(grey, *expected), noise)
-    whole = _judged(found, noise)
+    whole = _judged(found, most)
     if found is not None and (whole is None or whole[1].excess > SHADOWED):
-        other = _in_other_light(found, whole, noise)
+        other = _in_other_light(found, whole, most)
         if other is not None:
             return other[0], _doubted(*other)
     largest = np.inf  # of what a rim may leave
@@ -148,13 +149,13 @@ def _fitted(grey: Image, cone: Cone, camera: Camera) -> tuple[ShadedSphere, floa
         largest = NOISY * noise
         if whole[0].noise <= largest:
             return whole[0], _doubted(*whole)
-    rim = _judged(_before_its_ground(find_shaded(grey, *expected, rim_only=True), noise), noise)
+    rim = _judged(_before_its_ground(find_shaded(grey, *expected, rim_only=True), noise), most)
     instead = bool(np.isfinite(largest))  # of a whole that is believed else
     if rim is not None and is_clean(rim[1]) and rim[0].noise <= largest and not (instead and rim[0].dark > DARK):
         return rim[0], _doubted(*rim, by_part=instead)
     cleaned = without_specks(grey, *ball, noise) if np.isfinite(noise) else None
     if cleaned is not None:
-        beside = _judged(_before_its_ground(find_shaded(cleaned, *expected), noise), noise)
+        beside = _judged(_before_its_ground(find_shaded(cleaned, *expected), noise), most)
         if (
             beside is not None
             and is_clean(beside[1])
@@ -166,7 +167,7 @@ def _fitted(grey: Image, cone: Cone, camera: Camera) -> tuple[ShadedSphere, floa
 
 
 def _in_other_light(
-    found: ShadedSphere, whole: tuple[ShadedSphere, Judged] | None, noise: float
+    found: ShadedSphere, whole: tuple[ShadedSphere, Judged] | None, most: float
 ) -> tuple[ShadedSphere, Judged] | None:
     """Return the sphere ``found`` in a light that is not in its model, or None where it is in no such.
 
@@ -174,10 +175,10 @@ def _in_other_light(
     ``whole`` of it is a sphere's. One lamp's shadow knows more where it is one lamp's; else it is elsewhere than the
     limb.
     """
-    limb = _judged(in_own_lights(found), noise) if found.noise <= NO_BALL * noise else None
+    limb = _judged(in_own_lights(found), most) if found.noise <= most else None
     if limb is not None and (not is_clean(limb[1]) or limb[0].dark > DARK):
         limb = None
-    shaded = None if whole is None else _judged(in_own_shadow(found), noise)
+    shaded = None if whole is None else _judged(in_own_shadow(found), most)
     if whole is None or shaded is None or not _is_in_shadow(*shaded, whole[1].excess):
         return limb
     if limb is None:
@@ -207,13 +208,13 @@ def _doubted(found: ShadedSphere, told: Judged, *, by_part: bool = False) -> flo
     return told.excess * (BY_PART if by_part or found.clipped_share > OVEREXPOSED_SHARE else 1.0)
 
 
-def _judged(found: ShadedSphere | None, noise: float) -> tuple[ShadedSphere, Judged] | None:
+def _judged(found: ShadedSphere | None, most: float) -> tuple[ShadedSphere, Judged] | None:
     """Return a sphere with how well its model explains the outline, or None where there is none.
 
-    What leaves many times the ``noise`` of its pixels is no ball, as a ring, whose edge alone may be one's; nor is one
+    What leaves more than ``most`` of its pixels is no ball, as a ring, whose edge alone may be one's; nor is one
     whose limb shines less than nothing before a bright ground.
     """
-    if found is None or found.noise > NO_BALL * noise:
+    if found is None or found.noise > most:
         return None
     if found.limb_sds < -LIMB_SDS and found.ground > BRIGHT_GROUND:
         return None

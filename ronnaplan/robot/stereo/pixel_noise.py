@@ -18,37 +18,38 @@ SD_PER_MEAN = float(np.sqrt(np.pi / 2))
 """Standard deviation of normal noise, by the mean of its sizes."""
 
 
-def noise_on(grey: Image, middle_px: FloatArray, radius_px: float) -> float:
+def noise_on(grey: Image, middle_px: FloatArray, radius_px: float, *, apart: int = 1) -> float:
     """Return the standard deviation of the noise of ``grey`` (rows, columns) on a ball; infinite where nothing tells.
 
-    The ball is about ``middle_px`` (2,), column and row.
+    The ball is about ``middle_px`` (2,), column and row. Told by pixels so far ``apart``: compression makes noise alike
+    from one to the next, but not to the one after.
     """
     reach = INSIDE * radius_px
     low = np.clip(np.floor(middle_px - reach), 0, grey.shape[::-1]).astype(int)
     high = np.clip(np.ceil(middle_px + reach) + 1, low, grey.shape[::-1]).astype(int)
     window = np.asarray(grey[low[1] : high[1], low[0] : high[0]], dtype=np.float64)
-    if min(window.shape) < 3:
+    if min(window.shape) < 2 * apart + 1:
         return float("inf")
-    across = np.arange(low[0] + 1, high[0] - 1) - middle_px[0]
-    down = np.arange(low[1] + 1, high[1] - 1)[:, None] - middle_px[1]
+    across = np.arange(low[0] + apart, high[0] - apart) - middle_px[0]
+    down = np.arange(low[1] + apart, high[1] - apart)[:, None] - middle_px[1]
     brightest = float(grey.max())
-    told = (np.hypot(across, down) < reach) & ~_beside(window == brightest)
+    told = (np.hypot(across, down) < reach) & ~_beside(window == brightest, apart)
     if told.sum() < FEWEST_PIXELS:
         return float("inf")
-    return max(SD_PER_MEAN * float(roughness(window)[told].mean()), LEAST_NOISE * brightest)
+    return max(SD_PER_MEAN * float(roughness(window, apart)[told].mean()), LEAST_NOISE * brightest)
 
 
-def roughness(values: FloatArray) -> FloatArray:
-    """Return the size of the second differences of ``values`` (N, M) both ways (N - 2, M - 2), as large as their noise.
+def roughness(values: FloatArray, apart: int = 1) -> FloatArray:
+    """Return the size of the second differences of ``values`` (N, M) both ways, as large as their noise.
 
-    They leave noise alone: no light bends so much from one pixel to the next.
+    They leave noise alone: no light bends so much from one pixel to the next. (N - 2 A, M - 2 A) of pixels ``apart``.
     """
-    across = (values[:, 2:] - 2 * values[:, 1:-1] + values[:, :-2]) / np.sqrt(6.0)
-    down: FloatArray = (across[2:] - 2 * across[1:-1] + across[:-2]) / np.sqrt(6.0)
+    across = (values[:, 2 * apart :] - 2 * values[:, apart:-apart] + values[:, : -2 * apart]) / np.sqrt(6.0)
+    down: FloatArray = (across[2 * apart :] - 2 * across[apart:-apart] + across[: -2 * apart]) / np.sqrt(6.0)
     return np.abs(down)
 
 
-def _beside(marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which places but the outermost have one that is ``marked`` (N, M) among them and their neighbors."""
-    across = marked[:, 2:] | marked[:, 1:-1] | marked[:, :-2]
-    return across[2:] | across[1:-1] | across[:-2]
+def _beside(marked: NDArray[np.bool_], apart: int) -> NDArray[np.bool_]:
+    """Return which places but the outermost have one that is ``marked`` (N, M) among them and those ``apart``."""
+    across = marked[:, 2 * apart :] | marked[:, apart:-apart] | marked[:, : -2 * apart]
+    return across[2 * apart :] | across[apart:-apart] | across[: -2 * apart]
