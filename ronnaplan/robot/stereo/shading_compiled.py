@@ -248,9 +248,10 @@ def equations(
             for m in range(last + 1):
                 if m != at:
                     normal[m] -= normal[m, at] * normal[at]
-        for m in range(COMMON + 1):
-            row = m if m < COMMON else last
-            reduced[s, m, :COMMON], reduced[s, m, COMMON] = normal[row, :COMMON], normal[row, last]
-        for k in range(own):
-            answers[s, k, :COMMON], answers[s, k, COMMON] = normal[COMMON + k, :COMMON], normal[COMMON + k, last]
+        for k in range(COMMON + 1):
+            column = k if k < COMMON else last
+            for m in range(own):
+                answers[s, m, k] = normal[COMMON + m, column]
+            for m in range(COMMON + 1):
+                reduced[s, m, k] = normal[m if m < COMMON else last, column]
     return reduced, answers, sums
