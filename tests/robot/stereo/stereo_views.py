@@ -14,6 +14,7 @@ from phantoms.stereo_scenes import SceneRig, View, random_rig, render
 from ronnaplan.pose import Pose
 from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.stereo.camera import RIG, Boards, Camera, StereoRig
+from ronnaplan.robot.stereo.sphere import StereoSphere
 from ronnaplan.transforms import invert
 
 DIAMETER = 11.5
@@ -38,6 +39,26 @@ RIG_EXACT = StereoRig(Camera(K[0], D[0], np.eye(4)), Camera(K[1], D[1], RIGHT), 
 def moved(matrix: np.ndarray, point: np.ndarray) -> np.ndarray:
     found: np.ndarray = matrix[:3, :3] @ point + matrix[:3, 3]
     return found
+
+
+def about_limb(side: int, rays: np.ndarray, center_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How many pixels outside a ball's outline unit ``rays`` (J, I, 3) of a camera are, in which direction (rad)."""
+    to_ball = moved(invert((np.eye(4), RIGHT)[side]), center_mm)
+    far = np.linalg.norm(to_ball)
+    toward = to_ball / far
+    out_px = (np.arccos(np.clip(rays @ toward, -1, 1)) - np.arcsin(DIAMETER / 2 / far)) * K[side][0, 0]
+    return out_px, np.arctan2(*(rays @ np.linalg.svd(toward[None])[2][1:].T).transpose(2, 0, 1))
+
+
+def read(light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """An image (J, I) of eight bits, with noise."""
+    return np.asarray(np.rint(np.clip(180 * light + rng.normal(size=light.shape) * 1.5, 0, 255)), dtype=np.uint8)
+
+
+def normalized_error(found: StereoSphere, center_mm: np.ndarray) -> float:
+    """The squared error of what was found by what is stated of it, 1 on average."""
+    error = found.position_mm - center_mm
+    return float(error @ np.linalg.solve(found.covariance_mm2, error) / 3)
 
 
 def seen(centers: list[np.ndarray], rng: np.random.Generator, **how: Any) -> tuple[np.ndarray, np.ndarray]:
