@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -213,6 +213,10 @@ class CTVolume(Gridded):
         )
         flags = "".join(f", {flag.name.lower()}" for flag in self.flags)
         return f"CTVolume({slices} slices of {rows} x {columns}, {spacing} mm{flags})"
+
+    def flagged(self, flag: VolumeFlag) -> CTVolume:
+        """Return the volume with one more reason to doubt it."""
+        return self if flag in self.flags else replace(self, flags=(*self.flags, flag))
 
     @classmethod
     def from_array(

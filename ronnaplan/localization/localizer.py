@@ -24,6 +24,7 @@ import logging
 import math
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from numbers import Integral, Real
 
 import numpy as np
@@ -84,12 +85,13 @@ def localize(
     check_type(template, (Template, type(None)), "the template", "documents.read_template returns one")
     check_type(marker, Build, "the marker", "Build.parse('shell:1') returns one")
     diameters = check_request(diameter_mm, expected, marker)
+    again = partial(examine_places, build=marker)
     with ThreadPoolExecutor(1) as beside:
         # To say which scan it is takes half as long as to find its markers.
         beside.submit(lambda: volume.voxel_sha256)
         scan, examined = _examined(volume, diameters, marker, progress)
     (examined,) = by_the_usual([(scan, examined)], marker)
-    scan, examined = as_cut_before(scan, examined, lambda other, wanted: examine_places(other, wanted, marker))
+    scan, examined = as_cut_before(scan, examined, again)
     judged = unlike_turned_down(markers_in(examined))
     turned_down = [one for one in examined if not one.is_marker]
     accepted = [one for one in judged if one.is_marker]
@@ -97,7 +99,7 @@ def localize(
     markers = sorted(stated, key=lambda one: tuple(-one.center_mm[::-1]))  # from the top of the head down
     examined = [*turned_down, *judged]
     fiducials, rejected = _numbered(scan, markers), _rejected(examined, markers)
-    distorted = distortion(scan, examined, markers, lambda other, wanted: examine_places(other, wanted, marker))
+    distorted = distortion(scan, examined, markers, again)
     departure_mm = None
     if template is not None:
         fiducials, others, departure_mm = _by_template(template, fiducials, distorted)
@@ -134,7 +136,7 @@ def _examined(
     for diameter in diameters:
         _check_size(scan, diameter)
     examined = examine(scan, diameters, marker, progress)
-    thick = as_thick(scan, examined, lambda other, wanted: examine_places(other, wanted, marker, progress))
+    thick = as_thick(scan, examined, partial(examine_places, build=marker, progress=progress))
     if thick is not scan:
         scan, examined = thick, examine(thick, diameters, marker, progress)
     scan = as_summed(scan, examined, marker)
@@ -142,9 +144,7 @@ def _examined(
         wanted = [(one.candidate_mm, one.stated_mm) for one in examined]
         examined = examine_places(scan, wanted, marker, progress)
     turned = along_the_blur(scan, examined, marker)
-    if turned is not scan:
-        scan, examined = turned, examine(turned, diameters, marker, progress)
-    return scan, examined
+    return (scan, examined) if turned is scan else (turned, examine(turned, diameters, marker, progress))
 
 
 def _by_template(

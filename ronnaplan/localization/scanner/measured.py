@@ -78,10 +78,9 @@ def measured(volume: CTVolume) -> CTVolume:
     origins_mm = [np.interp(places[kept], np.arange(count), along) for along in volume.grid.origins_mm.T]
     voxels_hu: NDArray[Any] = np.stack([_voxels(volume, one) for one in slices[kept]])
     return replace(
-        volume,
+        volume.flagged(VolumeFlag.REFORMATTED),
         voxels_hu=voxels_hu,
         grid=replace(volume.grid, origins_mm=np.column_stack(origins_mm)),
-        flags=tuple(dict.fromkeys([*volume.flags, VolumeFlag.REFORMATTED])),
     )
 
 

@@ -74,8 +74,7 @@ def as_cut_before(scan: Scan, examined: Sequence[Examined], examine: Examine) ->
         metal[id(one)] if id(one) in metal and metal[id(one)].parameters[CONTRAST] <= most_hu else one
         for one in examined
     ]
-    flags = tuple(dict.fromkeys([*scan.volume.flags, VolumeFlag.REFORMATTED]))
-    resampled = Scan(replace(scan.volume, flags=flags), scan.slant, scan, scan.summed)
+    resampled = Scan(scan.volume.flagged(VolumeFlag.REFORMATTED), scan.slant, scan, scan.summed)
     return resampled, [_drawn(scan, one) if _is_cut(one, end_hu) else one for one in stated]
 
 
