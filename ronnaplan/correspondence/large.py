@@ -17,7 +17,8 @@ from ronnaplan.correspondence.bodies import (
     poses_beside,
 )
 from ronnaplan.correspondence.chance import Chance
-from ronnaplan.correspondence.evidence import AS_WELL_SIGMAS, LEAST_OFF_LINE, LEAST_SCALE, SCALES, off_one_line
+from ronnaplan.correspondence.collinear import LEAST_OFF_LINE, off_one_line
+from ronnaplan.correspondence.evidence import AS_WELL_SIGMAS, LEAST_SCALE, SCALES
 from ronnaplan.correspondence.lookup import point_grid
 from ronnaplan.correspondence.pairing import (
     LEFT_HANDED,

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from kernelcache import njit
 from ronnaplan.bounds import SMALLEST_SIGMA_MM
+from ronnaplan.correspondence.collinear import COLLINEAR_SIGMAS
 from ronnaplan.correspondence.evidence import (
-    COLLINEAR_SIGMAS,
     FEW_PAIRS,
     MOST_ODDS_IF_LARGER,
     SCALE_PRIORS,

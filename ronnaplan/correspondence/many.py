@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
-from ronnaplan.correspondence.evidence import GATE_CHI2, filled_volume, is_collinear
+from ronnaplan.correspondence.collinear import is_collinear
+from ronnaplan.correspondence.evidence import GATE_CHI2, filled_volume
 from ronnaplan.correspondence.exact import LISTED_NATS, best_of, in_volume, search
 from ronnaplan.correspondence.rivals import (
     BODY_GATE_CHI2,

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from ronnaplan.correspondence.anisotropic import anisotropic_log_evidence
 from ronnaplan.correspondence.another_body import odds_of_another_body
-from ronnaplan.correspondence.evidence import GATE_CHI2, MOST_ODDS_IF_LARGER, SCALES, is_collinear
+from ronnaplan.correspondence.collinear import is_collinear
+from ronnaplan.correspondence.evidence import GATE_CHI2, MOST_ODDS_IF_LARGER, SCALES
 from ronnaplan.correspondence.exact import LISTED_NATS, in_volume, search
 from ronnaplan.correspondence.pairing import (
     LEFT_HANDED,
