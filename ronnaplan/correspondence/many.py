@@ -77,7 +77,7 @@ def match_many(
         )
         _, body = best_of(left.log_evidence, left.background)
         wide = listed.astype(np.int64)  # as `small` hands them on: compiled once
-        regular = regular_odds(log_evidence, chi2, wide, best, background)
+        regular = regular_odds(ct[t], ots[t], weight, log_evidence, chi2, wide, best, background)
         if max(body, regular) > CLEAR_OF_OTHERS:
             continue
         size = paired.sum()

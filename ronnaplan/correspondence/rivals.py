@@ -15,6 +15,7 @@ from kernelcache import njit
 from ronnaplan.correspondence.evidence import FEW_PAIRS, GATE_CHI2, SCALES, fits_as_well, log_misfit, log_misfit_at
 from ronnaplan.correspondence.exact import in_volume, not_by_chance, search
 from ronnaplan.correspondence.pairing import IntArray
+from ronnaplan.correspondence.refining import PAIR_SIGMAS
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.geometry import FloatArray
 
@@ -127,7 +128,31 @@ def pairings_left(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def second_readings(
+    ct: FloatArray, ots: FloatArray, weight: FloatArray, partner: IntArray, other: IntArray
+) -> tuple[int, int]:
+    """Return how many pairs of ``other`` (n,) have a second reading in place of a point of ``partner`` (n,): CT, OTS.
+
+    It lies so near that point as `strays.side_by_side` tells.  ``weight`` (n, m): of each possible pair.
+    """
+    of_ct, of_ots = 0, 0
+    for b in range(len(partner)):
+        if partner[b] < 0 or other[b] == partner[b]:
+            continue
+        if other[b] >= 0:
+            reach2 = PAIR_SIGMAS**2 / max(weight[b, other[b]], weight[b, partner[b]])
+            of_ots += ((ots[other[b]] - ots[partner[b]]) ** 2).sum() < reach2
+        for a in np.flatnonzero(other == partner[b]):
+            reach2 = PAIR_SIGMAS**2 / max(weight[a, partner[b]], weight[b, partner[b]])
+            of_ct += ((ct[a] - ct[b]) ** 2).sum() < reach2
+    return of_ct, of_ots
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def regular_odds(
+    ct: FloatArray,
+    ots: FloatArray,
+    weight: FloatArray,
     log_evidence: FloatArray,
     chi2: FloatArray,
     partners: IntArray,
@@ -137,9 +162,11 @@ def regular_odds(
     """Return the odds, to the ``best`` of L listed pairings, of one that pairs the points otherwise and fits as well.
 
     Such points are laid out regularly, and the noise of many makes evidences differ by more than is told apart: only
-    pairs more count, by `LOG_ODDS_PER_PAIR` each.  0 where nothing fits as well.
+    pairs more count, by `LOG_ODDS_PER_PAIR` each.  0 where nothing fits as well.  One that has `second_readings` of one
+    set in place of some points is no other order, if the pairs that agree hold the pose; where both sets hold some,
+    these may pair with each other.
     """
-    size, odds = (partners[best] >= 0).sum(), 0.0
+    size, odds, of_ct, of_ots = (partners[best] >= 0).sum(), 0.0, 0.0, 0.0
     if size < LEAST_REGULAR:
         return 0.0
     for a in range(len(partners)):
@@ -149,9 +176,18 @@ def regular_odds(
             continue
         real = not_by_chance(log_evidence[a], background)
         here = real * math.exp(-LOG_ODDS_PER_PAIR * max(size - other, 0))
-        if here > odds and fits_as_well(chi2[best], size, chi2[a], other):
+        if here <= odds or not fits_as_well(chi2[best], size, chi2[a], other):
+            continue
+        ct_seconds, ots_seconds = second_readings(ct, ots, weight, partners[best], partners[a])
+        if agree < LEAST_PAIRS:
             odds = here
-    return odds
+        elif ct_seconds == 0 and 2 * (agree + ots_seconds) > other:
+            of_ots = max(of_ots, here)
+        elif ots_seconds == 0 and 2 * (agree + ct_seconds) > other:
+            of_ct = max(of_ct, here)
+        else:
+            odds = here
+    return max(odds, min(of_ct, of_ots))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -35,10 +35,15 @@ from ronnaplan.correspondence.rivals import (
 from ronnaplan.correspondence.strays import side_by_side, told_twice
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.geometry import FloatArray
+from ronnaplan.rigid import freedom
 
 MOST_ODDS_AGAINST_KNOWN = 100.0
 """Known pairs are not believed where pairings that contradict them are so many times as probable without them: about as
 rarely does a person point at the wrong marker."""
+
+ONE_BODY = 0.001
+"""A pairing is of one body where errors as stated leave residuals as large with at least this probability, as the
+registration's flag `MISFIT` has it."""
 
 ON_A_LINE = "the paired points lie on one line, so the rotation about it is unknown; add a marker off the line"
 WRONG_NUMBER = "{pairs} pairs fit but {told} are expected; check the markers or the expected number"
@@ -116,7 +121,7 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
         reason = "no three pairs agree in their distances; check that both sets are of this patient, and in mm"
         return Pairing.unmatched(LEFT_HANDED if mirrored else reason)
     other = odds_of_another_body(problem, weighed.partners[0])
-    regular = regular_odds(weighed.log_evidence, weighed.chi2, weighed.partners, 0, weighed.background)
+    regular = odds_of_another_order(problem, weighed)
     posterior = weighed.posterior(other + regular)
     whole = without_strays(problem, weighed.partners[0])
     core, probability = certain_core(weighed.partners, posterior, whole, problem, least_probability)
@@ -134,13 +139,12 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
         return Pairing.unmatched(reason, probability, rivals)
     if probability < least_probability:
         reason = f"the best pairing has probability {probability:.4g}, at least {least_probability:g} is required"
-        reason += told_twice(problem, weighed.partners[0])
-        touch = best_touch(weighed, posterior)
+        touch, twice = best_touch(weighed, posterior), told_twice(problem, weighed.partners[0])
         if other > 1.0 - least_probability:
             reason, touch = TWO_BODIES, int(pairs_of(weighed.partners[0])[0, 0])  # of the one or of the other
         elif regular > 1.0 - least_probability:
             reason = REGULAR
-        return Pairing.ambiguous(reason, probability, rivals, touch=touch)
+        return Pairing.ambiguous(reason + twice, probability, rivals, touch=touch)
     if odds_if_larger(weighed.log_evidence, weighed.chi2, weighed.partners, core) > MOST_ODDS_IF_LARGER:
         reason = (
             f"were the errors {SCALES[-1]:g} times as large as stated, another pairing might be the right one; "
@@ -156,6 +160,21 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
     )
 
 
+def odds_of_another_order(problem: Problem, weighed: Weighed) -> float:
+    """Return the odds, to the best pairing, of one that pairs regular markers in another order."""
+    weight, _ = problem.pair_weights()
+    return regular_odds(
+        problem.ct,
+        problem.ots,
+        weight,
+        weighed.log_evidence,
+        weighed.chi2,
+        weighed.partners,
+        0,
+        weighed.background,
+    )
+
+
 def contradicts_known(problem: Problem) -> bool:
     """Tell whether pairings that contradict a known pair are, without it, far more probable than its own, and chance.
 
@@ -165,8 +184,7 @@ def contradicts_known(problem: Problem) -> bool:
     free = weigh_all(replace(problem, known=no_pairs())) if len(problem.known) else None
     if free is None or free.log_evidence.max(initial=-np.inf) <= free.background:
         return False
-    regular = regular_odds(free.log_evidence, free.chi2, free.partners, 0, free.background)
-    if regular > 1.0 / MOST_ODDS_AGAINST_KNOWN:
+    if odds_of_another_order(problem, free) > 1.0 / MOST_ODDS_AGAINST_KNOWN:
         return False
     i, j = problem.known.T
     holds = free.partners[:, i] == j
@@ -223,10 +241,16 @@ def odds_beside_core(problem: Problem, weighed: Weighed, dropped: NDArray[np.boo
     """Return the odds of a body among the points that the best pairing leaves without what was ``dropped`` (n,) of it.
 
     What is left out for want of certainty is the patient's if errors are so large, and otherwise another body, or
-    markers that moved each by itself, which are no body: its distances agree with errors as stated.
+    markers that moved each by itself, which are no body: its distances agree with errors as stated.  Where those of all
+    do, the best pairing is one body.
     """
+    from scipy.special import gammaincc
+
     core = np.where(dropped, -1, weighed.partners[0])
-    return odds_of_another_body(problem, core, RIGID_GATE_CHI2) if dropped.any() else 0.0
+    size = int((weighed.partners[0] >= 0).sum())
+    if not dropped.any() or gammaincc(freedom(size) / 2, weighed.chi2[0] / 2) > ONE_BODY:
+        return 0.0
+    return odds_of_another_body(problem, core, RIGID_GATE_CHI2)
 
 
 def is_mirrored(problem: Problem, weighed: Weighed) -> bool:
