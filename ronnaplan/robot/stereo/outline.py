@@ -8,18 +8,20 @@ rays, which gives the direction to the center without that bias.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeGuard
 
 import numpy as np
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.stereo.agreement import SHADOWED, Judged, is_clean, judge
+from ronnaplan.robot.stereo.agreement import QUARTER, SHADOWED, Judged, is_clean, judge
 from ronnaplan.robot.stereo.camera import Camera
 from ronnaplan.robot.stereo.circles import SMALLEST_RADIUS_PX, Image, find_circles
 from ronnaplan.robot.stereo.lights import MODELED_SHADOW_PX, SHADOW_PX, Sight, by_turning, in_each_light, weighed
 from ronnaplan.robot.stereo.pixel_noise import noise_on
 from ronnaplan.robot.stereo.shading import ShadedSphere, find_shaded
 from ronnaplan.robot.stereo.shading_again import before_near_ground, in_own_lights, in_own_shadow
+from ronnaplan.robot.stereo.shading_pixels import Part
 from ronnaplan.robot.stereo.specks import without_specks
 from ronnaplan.sigmas import SIGMA_LAMP_DEG
 
@@ -131,9 +133,9 @@ def _outline(grey: Image, cone: Cone, camera: Camera, lamp_sd_deg: float) -> Out
 def _fitted(grey: Image, cone: Cone, camera: Camera) -> tuple[ShadedSphere, float] | None:
     """Return the sphere near ``cone`` and by how much its errors are larger than noise, or None where there is none.
 
-    A sphere whose light is not in the model, or that something spoils, is looked at in four more ways: by its limb in
+    A sphere whose light is not in the model, or that something spoils, is looked at in five more ways: by its limb in
     any light; as one in its own shadow; by its rim alone, most of which a cable or a highlight in the middle leaves
-    clean; and without what is finer on it than light, as dust all over.
+    clean; without what is finer on it than light, as dust all over; and by its limb alone, from the cone on.
     """
     ball = camera.pixels(cone.direction[None])[0], cone.half_angle * camera.focal_px
     noise, most = noise_on(grey, *ball), NO_BALL * noise_on(grey, *ball, apart=SMOOTH_PX)
@@ -149,21 +151,35 @@ def _fitted(grey: Image, cone: Cone, camera: Camera) -> tuple[ShadedSphere, floa
         largest = NOISY * noise
         if whole[0].noise <= largest:
             return whole[0], _doubted(*whole)
-    rim = _judged(_before_its_ground(find_shaded(grey, *expected, rim_only=True), noise), most)
+    rim = _judged(_before_its_ground(find_shaded(grey, *expected, Part.RIM), noise), most)
     instead = bool(np.isfinite(largest))  # of a whole that is believed else
     if rim is not None and is_clean(rim[1]) and rim[0].noise <= largest and not (instead and rim[0].dark > DARK):
         return rim[0], _doubted(*rim, by_part=instead)
     cleaned = without_specks(grey, *ball, noise) if np.isfinite(noise) else None
     if cleaned is not None:
         beside = _judged(_before_its_ground(find_shaded(cleaned, *expected), noise), most)
-        if (
-            beside is not None
-            and is_clean(beside[1])
-            and beside[0].noise <= NOISY * noise
-            and beside[0].dark <= DARK
-        ):
+        if _is_lit_and_clean(beside) and beside[0].noise <= NOISY * noise:
             return beside[0], _doubted(*beside, by_part=True)
+    if not _shines_less_than_nothing(found) and not (whole is not None and is_clean(whole[1])):
+        limb = _at_limb(find_shaded(grey, *expected, Part.LIMB), most)
+        if limb is not None:
+            return limb[0], _doubted(*limb)
     return None if whole is None else (whole[0], _doubted(*whole, by_part=instead))
+
+
+def _at_limb(found: ShadedSphere | None, most: float) -> tuple[ShadedSphere, Judged] | None:
+    """Return the sphere ``found`` by its limb, or, where that is in no light of the model, by it in any light."""
+    limb = _judged(found, most)
+    if found is not None and (limb is None or limb[1].excess > SHADOWED):
+        limb = _judged(in_own_lights(found), most)
+        if limb is not None and not is_clean(limb[1], QUARTER):
+            return None
+    return limb if _is_lit_and_clean(limb) else None
+
+
+def _is_lit_and_clean(part: tuple[ShadedSphere, Judged] | None) -> TypeGuard[tuple[ShadedSphere, Judged]]:
+    """Tell whether a ``part`` of a ball shows hardly more than noise, and its limb is not as dark as the ground."""
+    return part is not None and is_clean(part[1]) and part[0].dark <= DARK
 
 
 def _in_other_light(
@@ -175,9 +191,8 @@ def _in_other_light(
     ``whole`` of it is a sphere's. One lamp's shadow knows more where it is one lamp's; else it is elsewhere than the
     limb.
     """
-    limb = _judged(in_own_lights(found), most) if found.noise <= most else None
-    if limb is not None and (not is_clean(limb[1]) or limb[0].dark > DARK):
-        limb = None
+    near = _judged(in_own_lights(found), most) if found.noise <= most else None
+    limb = near if _is_lit_and_clean(near) else None
     shaded = None if whole is None else _judged(in_own_shadow(found), most)
     if whole is None or shaded is None or not _is_in_shadow(*shaded, whole[1].excess):
         return limb
@@ -214,12 +229,15 @@ def _judged(found: ShadedSphere | None, most: float) -> tuple[ShadedSphere, Judg
     What leaves more than ``most`` of its pixels is no ball, as a ring, whose edge alone may be one's; nor is one
     whose limb shines less than nothing before a bright ground.
     """
-    if found is None or found.noise > most:
-        return None
-    if found.limb_sds < -LIMB_SDS and found.ground > BRIGHT_GROUND:
+    if found is None or found.noise > most or _shines_less_than_nothing(found):
         return None
     told = judge(found)
     return None if told is None else (found, told)
+
+
+def _shines_less_than_nothing(found: ShadedSphere | None) -> bool:
+    """Tell whether a sphere's limb is darker than nothing before a bright ground, so that its outline is too large."""
+    return found is not None and found.limb_sds < -LIMB_SDS and found.ground > BRIGHT_GROUND
 
 
 def _sight(found: ShadedSphere, excess: float, camera: Camera) -> Sight:

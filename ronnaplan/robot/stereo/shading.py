@@ -34,7 +34,7 @@ from ronnaplan.robot.stereo.shading_compiled import (
     Flags,
     equations,
 )
-from ronnaplan.robot.stereo.shading_pixels import OUTWARD_PX, Pixels, pixels_near
+from ronnaplan.robot.stereo.shading_pixels import OUTWARD_PX, Part, Pixels, pixels_near
 from ronnaplan.robot.stereo.shading_steps import (
     EARLY,
     FEWEST_PIXELS,
@@ -142,19 +142,19 @@ def find_shaded(
     axis: FloatArray,
     half_angle: float,
     seen: FloatArray,
+    part: Part = Part.WHOLE,
     *,
-    rim_only: bool = False,
     starts: int = STARTS,
     strayed: State | None = None,
 ) -> ShadedSphere | None:
     """Return the sphere near ``axis`` (3,) and ``half_angle`` (rad), or None where there is none.
 
     ``seen`` (N, 3) are rays to where its outline is known to show. Where the outline turns out to be elsewhere, it is
-    looked for anew there, with so many ``starts`` together, in the light of the one that ``strayed``. With ``rim_only``
-    what lies in its middle counts for nothing.
+    looked for anew there, with so many ``starts`` together, in the light of the one that ``strayed``. Only a ``part``
+    of it is looked at.
     """
     across = np.linalg.svd(axis[None])[2][1:].T
-    pixels = pixels_near(grey, camera, axis, across, half_angle, rim_only=rim_only)
+    pixels = pixels_near(grey, camera, axis, across, half_angle, part)
     state = _start(pixels, half_angle, _sectors_of((seen - axis) @ across, len(pixels.starts) - 1))
     if state is None:
         return None
@@ -168,8 +168,8 @@ def find_shaded(
         found = axis + across @ place[:2]
         found /= np.linalg.norm(found)
         strayed = state if fitted.strayed else None
-        again = grey, camera, found, float(place[2]), seen
-        return find_shaded(*again, rim_only=rim_only, starts=starts - 1, strayed=strayed)
+        again = grey, camera, found, float(place[2]), seen, part
+        return find_shaded(*again, starts=starts - 1, strayed=strayed)
     return result_of(pixels, state, fitted, axis, across, shadows=False)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from enum import Enum
 from functools import cache
 
 import numpy as np
@@ -27,6 +28,18 @@ MANY = 20
 RIM_PX, RIM = 12.0, 0.25
 """How deep a sphere's rim is, at least, and as a share of its radius: enough to tell brightness from blur, and not so
 deep that what lies across the middle, or shines there, reaches into more than few sectors."""
+LIMB_PX = 8.0
+"""How far to either side of its edge a sphere's limb is: the blur's reach, and what a ring may be beside it."""
+
+
+class Part(Enum):
+    """What of a sphere is looked at."""
+
+    WHOLE = "whole"
+    RIM = "rim"
+    """What is not in its middle, and the ground."""
+    LIMB = "limb"
+    """What is near its edge, inside and outside."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +60,11 @@ class Pixels:
 
 
 def pixels_near(
-    grey: Image, camera: Camera, axis: FloatArray, across: FloatArray, half_angle: float, *, rim_only: bool = False
+    grey: Image, camera: Camera, axis: FloatArray, across: FloatArray, half_angle: float, part: Part = Part.WHOLE
 ) -> Pixels:
     """Return the pixels where a sphere of ``half_angle`` (rad) about ``axis`` (3,) is seen, along ``across`` (3, 2).
 
-    With ``rim_only`` those in its middle are left out.
+    Only those of a ``part`` of it are taken.
     """
     focal, radius = camera.focal_px, half_angle * camera.focal_px
     middle = camera.pixels(axis[None])[0]
@@ -69,7 +82,11 @@ def pixels_near(
     clipped_at = brightest if np.count_nonzero(window == brightest) >= MANY else np.inf
     gathered = gather(window, bend, middle - low, scale, radius, bounds, count, max(block, 1), clipped_at)
     found = Pixels(*gathered, focal, clipped_at)
-    return beyond(found, np.zeros(2), radius - max(RIM_PX, RIM * radius)) if rim_only else found
+    if part is Part.RIM:
+        return beyond(found, np.zeros(2), radius - max(RIM_PX, RIM * radius))
+    if part is Part.LIMB:
+        return within(beyond(found, np.zeros(2), radius - LIMB_PX), np.zeros(2), radius + LIMB_PX)
+    return found
 
 
 def beyond(pixels: Pixels, middle_px: FloatArray, least_px: float) -> Pixels:

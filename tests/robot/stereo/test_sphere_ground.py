@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 from scipy.special import ndtr
 
 from phantoms.cameras import frame_rays
@@ -41,6 +42,25 @@ def test_the_balls_shadow_on_a_bright_drape_close_behind_does_not_pull_the_cente
     found = locate_sphere(left, right, RIG_EXACT, diameter_mm=DIAMETER)
     assert np.linalg.norm(found.position_mm - CENTER) < 0.006
     assert normalized_error(found, CENTER) < 8
+
+
+def before_checks(side: int, cell_px: int, shadow_px: float, rng: np.random.Generator) -> np.ndarray:
+    """A ball before a checked cloth, half as bright, whose checks do not show in the ball's shadow about its edge."""
+    out_px, _ = outside(side)
+    checks = np.random.default_rng(3 + side).random((SIZE[0] // cell_px + 1, SIZE[1] // cell_px + 1)) > 0.5
+    cloth = np.kron(checks, np.ones((cell_px, cell_px)))[: SIZE[0], : SIZE[1]]
+    ground = 0.15 + 0.35 * gaussian_filter(cloth, 0.8) * ndtr(out_px - shadow_px)
+    ball = ndtr(-out_px)
+    return read(ball + (1 - ball) * ground, rng)
+
+
+def test_a_ball_before_a_bold_pattern_is_found_by_its_limb() -> None:
+    """By all of it, or its rim and the ground up to 14 pixels out, too few sectors agreed, and it was refused."""
+    rng = np.random.default_rng(11)
+    left, right = (before_checks(side, 24, 9.0, rng) for side in (0, 1))
+    found = locate_sphere(left, right, RIG_EXACT, diameter_mm=DIAMETER)
+    assert np.linalg.norm(found.position_mm - CENTER) < 0.003
+    assert normalized_error(found, CENTER) < 4
 
 
 def test_a_ring_as_wide_as_the_ball_is_none() -> None:
