@@ -64,6 +64,7 @@ class VolumeFlag(StrEnum):
     OUT_OF_ORDER = "neighbouring slices were not taken one after another"
     DERIVED = "the images were computed from others"
     REFORMATTED = "the slices were resampled from others"
+    REPEATED = "slices, rows or columns repeat others, as resampling to the nearest does; give the original series"
     VIRTUAL_VALUES = "the values are those of a material or of a virtual energy"
     NO_AIR = "no value is as low as air's, as if all were offset (by 1024?); expected air at -1000 HU"
     LOW_AIR = (

@@ -25,7 +25,8 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.threads import in_parts
 
 ROUNDED_HU = 1.0
-"""Whole numbers that lie on one line before they are rounded are off it by no more than this."""
+"""Whole numbers that lie on one line before they are rounded are off it by no more than this, and so are such whose
+fraction is cut off. Toward zero, as ITK cuts it off, it is by no more than twice this where some lie to either side."""
 
 WITHIN_SCALE_HU = (-1000.0, 3000.0)
 """What a scale's end may have cut off after slices were computed is not asked: air, and metal."""
@@ -33,8 +34,8 @@ WITHIN_SCALE_HU = (-1000.0, 3000.0)
 CHANGE_HU = 10.0
 """Where nothing changes by more, nothing is told."""
 
-FIRST_ROWS = 8
-"""So many rows tell where lines meet, if they do."""
+NO_CHANGE_HU = 1e-6
+"""Lines that close in by no more than this never meet, but for rounding."""
 
 AT_A_SLICE = 0.02
 """Lines that meet closer to a slice than this share of the gap meet in it."""
@@ -147,10 +148,16 @@ def _is_between(before: Voxels, here: Voxels, after: Voxels, share: float) -> bo
             low, value, high = float(before[j, i]), float(here[j, i]), float(after[j, i])
             if min(low, value, high) <= WITHIN_SCALE_HU[0] or max(low, value, high) >= WITHIN_SCALE_HU[1]:
                 continue
-            if abs(value - low - share * (high - low)) > ROUNDED_HU + 1e-6:
+            if abs(value - low - share * (high - low)) > _rounded_hu(min(low, value, high), max(low, value, high)):
                 return False
             changes = changes or abs(high - low) > CHANGE_HU
     return changes
+
+
+@njit(cache=True, nogil=True)
+def _rounded_hu(least_hu: float, most_hu: float) -> float:
+    """How far values from ``least_hu`` to ``most_hu`` may be off their line, as whole numbers."""
+    return (2.0 if least_hu <= 0.0 <= most_hu else 1.0) * ROUNDED_HU + 1e-6
 
 
 @njit(cache=True, nogil=True)
@@ -172,20 +179,24 @@ def _meet(four: Voxels, before: float, behind: float) -> float:
     """
     rows = four.shape[1]
     across = squares = 0.0
-    for j in range(rows // FIRST_ROWS // 2, rows, max(rows // FIRST_ROWS, 1)):
-        for i in range(four.shape[2]):
-            apart, closing = _lines(four[:, j, i], before, behind)
-            across += apart * closing
-            squares += closing * closing
-    share = -across / max(squares, 1e-9)
-    if squares <= CHANGE_HU * CHANGE_HU or not AT_A_SLICE < share < 1.0 - AT_A_SLICE:
-        return math.nan
+    least, most = -math.inf, math.inf
     for n in range(rows):
         for i in range(four.shape[2]):
-            apart, closing = _lines(four[:, (n + rows // 2) % rows, i], before, behind)
-            if abs(apart + share * closing) > (1.0 + before + behind) * ROUNDED_HU:
+            here = four[:, (n + rows // 2) % rows, i]
+            apart, closing = _lines(here, before, behind)
+            across += apart * closing
+            squares += closing * closing
+            rounded_hu = (1.0 + before + behind) * _rounded_hu(float(here.min()), float(here.max()))
+            if abs(closing) > NO_CHANGE_HU:
+                middle, wide = -apart / closing, abs(rounded_hu / closing)
+                least, most = max(least, middle - wide), min(most, middle + wide)
+            elif abs(apart) > rounded_hu:
                 return math.nan
-    return share
+            if least > most:
+                return math.nan
+    share = min(max(-across / max(squares, 1e-9), least), most)
+    is_told = squares > CHANGE_HU * CHANGE_HU and AT_A_SLICE < share < 1.0 - AT_A_SLICE
+    return share if is_told else math.nan
 
 
 @njit(cache=True, nogil=True)

@@ -14,6 +14,7 @@ from ronnaplan.localization.fit.neighbourhood import axes_along
 from ronnaplan.localization.scanner.beat import noise_beats
 from ronnaplan.localization.scanner.hounsfield import in_hounsfield
 from ronnaplan.localization.scanner.measured import measured
+from ronnaplan.localization.scanner.repeated import distinct
 from ronnaplan.localization.scanner.summed import UNTOLD, Summed
 
 BROADENING = 1.5
@@ -45,17 +46,20 @@ class Scan:
         summed: Summed = UNTOLD,
         *,
         ends_at_hu: float | None = None,
+        unplaced_mm2: FloatArray | None = None,
     ) -> None:
         self.volume = volume
         self.slant = slant
         self.summed = summed
         self._whole = whole
         self._ends_at_hu = ends_at_hu
+        self._unplaced_mm2 = np.zeros((3, 3)) if unplaced_mm2 is None else unplaced_mm2
 
     @classmethod
     def of(cls, volume: CTVolume, slant: Slant | None = None, summed: Summed = UNTOLD) -> Scan:
         """Return what was measured of a volume, in Hounsfield units; raises `InputError` for a single slice."""
-        return cls(in_hounsfield(measured(volume)), slant, summed=summed)
+        once, unplaced_mm2 = distinct(volume)
+        return cls(in_hounsfield(measured(once)), slant, summed=summed, unplaced_mm2=unplaced_mm2)
 
     @cached_property
     def axes(self) -> FloatArray:
@@ -114,6 +118,11 @@ class Scan:
     def is_computed(self) -> bool:
         """Whether its slices were computed from others, of which none is left."""
         return noise_beats(self.volume) if self._whole is None else self._whole.is_computed
+
+    @property
+    def unplaced_mm2(self) -> FloatArray:
+        """Covariance (3, 3) in LPS mm^2 of where all of it is, which what repeats its neighbours leaves open."""
+        return self._unplaced_mm2 if self._whole is None else self._whole.unplaced_mm2
 
     @property
     def flags(self) -> tuple[VolumeFlag, ...]:

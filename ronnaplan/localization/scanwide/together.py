@@ -101,10 +101,12 @@ def _summed(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
 
 
 def _computed(scan: Scan, markers: Sequence[Examined]) -> list[Examined]:
-    """State what slices do that were computed from others at another distance."""
-    if not scan.is_computed:
+    """State what slices do that were computed from others at another distance, or that repeat others."""
+    error_mm2 = scan.unplaced_mm2
+    if scan.is_computed:
+        error_mm2 = error_mm2 + (DISPLACED_SHARE * scan.gap_mm) ** 2 * np.outer(scan.axes[W], scan.axes[W])
+    if not error_mm2.any():
         return list(markers)
-    error_mm2 = (DISPLACED_SHARE * scan.gap_mm) ** 2 * np.outer(scan.axes[W], scan.axes[W])
     return [replace(one, covariance_mm2=one.covariance_mm2 + error_mm2) for one in markers]
 
 

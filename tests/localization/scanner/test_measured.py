@@ -23,7 +23,7 @@ def thick() -> CTVolume:
     return scan(balls(PLACES), stack, noise_hu=8.0)
 
 
-def resampled(volume: CTVolume, step_mm: float, start_mm: float) -> CTVolume:
+def resampled(volume: CTVolume, step_mm: float, start_mm: float, kind: type[np.generic] = np.int16) -> CTVolume:
     """Slices every ``step_mm`` from ``start_mm`` on, by straight lines; the header has their thickness."""
     gap_mm = volume.grid.typical_gap_mm
     places = np.arange(start_mm, gap_mm * (len(volume.voxels_hu) - 1), step_mm) / gap_mm
@@ -32,7 +32,8 @@ def resampled(volume: CTVolume, step_mm: float, start_mm: float) -> CTVolume:
     voxels_hu = volume.voxels_hu[below] * (1.0 - share) + volume.voxels_hu[below + 1] * share
     origins_mm = volume.grid.origins_mm[0] + places[:, np.newaxis] * gap_mm * volume.grid.normal
     grid = replace(volume.grid, origins_mm=origins_mm, thickness_mm=step_mm)
-    return replace(volume, voxels_hu=np.round(voxels_hu).astype(np.int16), grid=grid)
+    stored = voxels_hu if kind is np.float32 else np.round(voxels_hu)
+    return replace(volume, voxels_hu=np.asarray(stored, dtype=kind), grid=grid)
 
 
 @pytest.mark.parametrize(("step_mm", "start_mm"), [(1.0, 0.0), (2.5, 0.0), (2.0, 0.0), (1.0, 0.3), (2.5, 0.8)])
@@ -48,6 +49,18 @@ def test_balls_in_slices_computed_from_thick_ones_are_found_as_in_these(
     errors_mm = [np.linalg.norm(found.centers - place, axis=1).min() for place in PLACES]
     assert max(errors_mm) < 0.05
     assert VolumeFlag.REFORMATTED in found.volume_flags
+
+
+@pytest.mark.parametrize("step_mm", [1.0, 1.6])
+def test_slices_whose_fractions_were_cut_off_toward_zero_are_recognized_too(
+    thick: CTVolume, step_mm: float
+) -> None:
+    """As ITK does; and those of which hardly any row shows much, which tell where their lines meet together."""
+    soft = replace(thick, voxels_hu=np.asarray(thick.voxels_hu + 1000, dtype=np.int16))  # air, about 0 HU
+    exact = resampled(replace(soft, voxels_hu=soft.voxels_hu.astype(np.float32)), step_mm, 0.0, np.float32)
+    kept = measured(replace(exact, voxels_hu=np.trunc(exact.voxels_hu).astype(np.int16)))
+    np.testing.assert_allclose(np.diff(kept.grid.slice_positions_mm), 5.0, atol=0.05)
+    assert len(kept.voxels_hu) >= len(thick.voxels_hu) - 1
 
 
 def test_slices_that_were_measured_are_all_kept(thick: CTVolume) -> None:
