@@ -15,6 +15,7 @@ from ronnaplan.localization.scanner.beat import noise_beats
 from ronnaplan.localization.scanner.hounsfield import in_hounsfield
 from ronnaplan.localization.scanner.measured import measured
 from ronnaplan.localization.scanner.repeated import distinct
+from ronnaplan.localization.scanner.splined import before_splines
 from ronnaplan.localization.scanner.summed import UNTOLD, Summed
 
 BROADENING = 1.5
@@ -59,7 +60,9 @@ class Scan:
     def of(cls, volume: CTVolume, slant: Slant | None = None, summed: Summed = UNTOLD) -> Scan:
         """Return what was measured of a volume, in Hounsfield units; raises `InputError` for a single slice."""
         once, unplaced_mm2 = distinct(volume)
-        return cls(in_hounsfield(measured(once)), slant, summed=summed, unplaced_mm2=unplaced_mm2)
+        kept = measured(once)
+        made = before_splines(once) if kept is once else kept
+        return cls(in_hounsfield(made), slant, summed=summed, unplaced_mm2=unplaced_mm2)
 
     @cached_property
     def axes(self) -> FloatArray:
