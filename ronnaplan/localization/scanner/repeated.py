@@ -55,7 +55,9 @@ def distinct(volume: CTVolume) -> tuple[CTVolume, FloatArray]:
             continue
         grid = volume.grid
         step_mm = (grid.typical_gap_mm * grid.normal, grid.row_step_mm, grid.column_step_mm)[axis]
-        unplaced_mm2 += places.off**2 / 3.0 * np.outer(step_mm, step_mm)  # as likely anywhere within
+        unplaced_mm2 += places.off**2 * np.outer(
+            step_mm, step_mm
+        )  # all of it: markers share it, which nobody is told
         volume = _at(volume, axis, places).flagged(VolumeFlag.REPEATED)
     return volume, unplaced_mm2
 
