@@ -1,7 +1,8 @@
 """From a scan to its markers: detect, fit, accept. `localize` is the pipeline's own description.
 
-1. Slices that were computed are left out (`measured`), grey values are brought to HU (`hounsfield`), and a tag that
-   says far too much of the slices' thickness is left out, too (`thick`).
+1. Copies of the nearest voxels (`repeated`) and slices that were computed from others (`measured`) are left out; those
+   that cubic splines computed tell the measured ones again (`splined`). Grey values are brought to HU (`hounsfield`),
+   and a tag that says far too much of the slices' thickness is left out, too (`thick`).
 2. Each candidate is detected, fitted and judged by itself (`examine`). What a head (`hardened`), a screw (`crossed`)
    and a socket's rim (`rim`) do to its image is made good.
    All of that is done again where slices are far thicker than the header says (`thick`), where rays were summed before

@@ -41,7 +41,7 @@ class _Places(NamedTuple):
     off: float
 
 
-def distinct(volume: CTVolume) -> tuple[CTVolume, FloatArray]:
+def without_copies(volume: CTVolume) -> tuple[CTVolume, FloatArray]:
     """Return the scan without what repeats its neighbours, flagged so; itself where nothing does.
 
     Beside it the covariance (3, 3) in LPS mm^2 of where all of it is, which copies leave open.
@@ -55,9 +55,8 @@ def distinct(volume: CTVolume) -> tuple[CTVolume, FloatArray]:
             continue
         grid = volume.grid
         step_mm = (grid.typical_gap_mm * grid.normal, grid.row_step_mm, grid.column_step_mm)[axis]
-        unplaced_mm2 += places.off**2 * np.outer(
-            step_mm, step_mm
-        )  # all of it: markers share it, which nobody is told
+        # All of its reach, as if it were a standard error: markers share it, and whoever registers does not know.
+        unplaced_mm2 += places.off**2 * np.outer(step_mm, step_mm)
         volume = _at(volume, axis, places).flagged(VolumeFlag.REPEATED)
     return volume, unplaced_mm2
 

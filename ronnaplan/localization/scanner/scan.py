@@ -14,7 +14,7 @@ from ronnaplan.localization.fit.neighbourhood import axes_along
 from ronnaplan.localization.scanner.beat import noise_beats
 from ronnaplan.localization.scanner.hounsfield import in_hounsfield
 from ronnaplan.localization.scanner.measured import measured
-from ronnaplan.localization.scanner.repeated import distinct
+from ronnaplan.localization.scanner.repeated import without_copies
 from ronnaplan.localization.scanner.splined import before_splines
 from ronnaplan.localization.scanner.summed import UNTOLD, Summed
 
@@ -59,7 +59,7 @@ class Scan:
     @classmethod
     def of(cls, volume: CTVolume, slant: Slant | None = None, summed: Summed = UNTOLD) -> Scan:
         """Return what was measured of a volume, in Hounsfield units; raises `InputError` for a single slice."""
-        once, unplaced_mm2 = distinct(volume)
+        once, unplaced_mm2 = without_copies(volume)
         kept = measured(once)
         made = before_splines(once) if kept is once else kept
         return cls(in_hounsfield(made), slant, summed=summed, unplaced_mm2=unplaced_mm2)

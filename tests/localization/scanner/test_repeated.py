@@ -10,7 +10,7 @@ import pytest
 from ronnaplan.ct import CTVolume
 from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.localization import localize
-from ronnaplan.localization.scanner.repeated import distinct
+from ronnaplan.localization.scanner.repeated import without_copies
 from tests.scans import balls, scan, small_stack
 
 PLACES = [(-18.0, -8.3, -6.2), (17.4, -9.0, 4.1), (1.2, 11.5, 1.3)]
@@ -51,7 +51,7 @@ def nearest(volume: CTVolume, axis: int, by: float, start: float = 0.0) -> CTVol
 def test_a_scan_enlarged_by_its_nearest_voxels_is_again_the_one_that_was_made(
     scanned: CTVolume, axis: int, by: float, start: float
 ) -> None:
-    once, _ = distinct(nearest(scanned, axis, by, start))
+    once, _ = without_copies(nearest(scanned, axis, by, start))
     np.testing.assert_array_equal(once.voxels_hu, scanned.voxels_hu)
     np.testing.assert_allclose(
         once.grid.positions_mm(np.full(3, 9.0)), scanned.grid.positions_mm(np.full(3, 9.0)), atol=0.12
@@ -82,7 +82,7 @@ def test_where_copies_do_not_tell_where_slices_were_the_error_that_is_left_is_st
 
 
 def test_a_scan_that_repeats_nothing_is_left_as_it_is(scanned: CTVolume) -> None:
-    once, unplaced_mm2 = distinct(scanned)
+    once, unplaced_mm2 = without_copies(scanned)
     assert once is scanned
     assert not unplaced_mm2.any()
 
@@ -91,6 +91,6 @@ def test_slices_that_are_alike_for_another_reason_are_kept(scanned: CTVolume) ->
     """As those of a phantom without noise beside its balls, and as air that the scale cuts off."""
     still = scanned.voxels_hu.copy()
     still[:7] = still[0]
-    assert distinct(replace(scanned, voxels_hu=still))[0].voxels_hu is still
+    assert without_copies(replace(scanned, voxels_hu=still))[0].voxels_hu is still
     cut = np.asarray(np.where(scanned.voxels_hu < -500, -1000, scanned.voxels_hu), dtype=np.int16)
-    assert distinct(replace(scanned, voxels_hu=cut))[0].voxels_hu is cut
+    assert without_copies(replace(scanned, voxels_hu=cut))[0].voxels_hu is cut
