@@ -186,7 +186,9 @@ def _meet(four: Voxels, before: float, behind: float) -> float:
             apart, closing = _lines(here, before, behind)
             across += apart * closing
             squares += closing * closing
-            rounded_hu = (1.0 + before + behind) * _rounded_hu(float(here.min()), float(here.max()))
+            first, second, third, last = float(here[0]), float(here[1]), float(here[2]), float(here[3])
+            ends_hu = min(first, second, third, last), max(first, second, third, last)
+            rounded_hu = (1.0 + before + behind) * _rounded_hu(*ends_hu)
             if abs(closing) > NO_CHANGE_HU:
                 middle, wide = -apart / closing, abs(rounded_hu / closing)
                 least, most = max(least, middle - wide), min(most, middle + wide)
