@@ -67,6 +67,13 @@ def freedom(pairs: int) -> int:
     return 3 * pairs - 6
 
 
+def fit_probability(chi_square: float, pairs: int) -> float:
+    """Return the chance that errors as stated leave so many pairs a ``chi_square`` as large, or larger."""
+    from scipy.special import gammaincc
+
+    return float(gammaincc(freedom(pairs) / 2, chi_square / 2))
+
+
 def fre_rms_mm(matrix: FloatArray, moving_mm: FloatArray, fixed_mm: FloatArray) -> FloatArray:
     """Return the fiducial registration error (...) of ``matrix`` (..., 4, 4): root of Eq. 1's mean squared residual."""
     residual = fixed_mm - transform_points(matrix, moving_mm)

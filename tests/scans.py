@@ -13,6 +13,7 @@ from phantoms.scene import Part, Scene
 from phantoms.solids import sphere
 from phantoms.stack import SliceStack, axial_stack
 from ronnaplan.ct import CTVolume, SeriesSource, SliceGrid
+from ronnaplan.ct.volume import Voxels
 from ronnaplan.geometry import FloatArray
 
 
@@ -46,6 +47,14 @@ def small_stack(**options: object) -> SliceStack:
     """A slab that holds a few balls: 64 mm wide, 44 mm high, 0.5 mm pixels, 1 mm slices."""
     settings: dict[str, object] = {"start_mm": -22, "stop_mm": 22, "matrix": 128, "field_of_view_mm": 64}
     return axial_stack(**{**settings, **options})  # type: ignore[arg-type]
+
+
+def with_slices(volume: CTVolume, places: FloatArray, voxels_hu: Voxels, thickness_mm: float) -> CTVolume:
+    """Lay voxels (K, rows, columns) on slices at fractional indices ``places`` (K,) of a scan; the header says so."""
+    gap_mm = volume.grid.typical_gap_mm
+    origins_mm = volume.grid.origins_mm[0] + places[:, np.newaxis] * gap_mm * volume.grid.normal
+    grid = replace(volume.grid, origins_mm=origins_mm, thickness_mm=thickness_mm)
+    return replace(volume, voxels_hu=voxels_hu, grid=grid)
 
 
 def offsets_mm(volume: CTVolume, origin_mm: FloatArray) -> FloatArray:

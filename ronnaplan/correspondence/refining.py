@@ -24,6 +24,15 @@ what is shorter than this share of the longest is rounding."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def lie_beside(points: FloatArray, a: int | np.integer, b: int | np.integer, variance: float) -> bool:
+    """Tell whether two of points (n, 3) lie so near that either may be a stray of the other's marker.
+
+    No farther than each one's own points may lie from each other; ``variance`` of a pair's difference per axis.
+    """
+    return bool(((points[a] - points[b]) ** 2).sum() < PAIR_SIGMAS**2 * variance)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def partners_under(ct: FloatArray, ots: FloatArray, grid: Grid, pose: FloatArray, radius: float) -> IntArray:
     """Return the nearest OTS point of each CT point under a pose (3, 4), -1 when none is within ``radius``.
 

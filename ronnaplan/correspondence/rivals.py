@@ -15,7 +15,7 @@ from kernelcache import njit
 from ronnaplan.correspondence.evidence import FEW_PAIRS, GATE_CHI2, SCALES, fits_as_well, log_misfit, log_misfit_at
 from ronnaplan.correspondence.exact import in_volume, not_by_chance, search
 from ronnaplan.correspondence.pairing import IntArray
-from ronnaplan.correspondence.refining import PAIR_SIGMAS
+from ronnaplan.correspondence.refining import lie_beside
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.geometry import FloatArray
 
@@ -133,18 +133,17 @@ def second_readings(
 ) -> tuple[int, int]:
     """Return how many pairs of ``other`` (n,) have a second reading in place of a point of ``partner`` (n,): CT, OTS.
 
-    It lies so near that point as `strays.side_by_side` tells.  ``weight`` (n, m): of each possible pair.
+    The two `lie_beside` each other.  ``weight`` (n, m): of each possible pair.
     """
     of_ct, of_ots = 0, 0
     for b in range(len(partner)):
         if partner[b] < 0 or other[b] == partner[b]:
             continue
         if other[b] >= 0:
-            reach2 = PAIR_SIGMAS**2 / max(weight[b, other[b]], weight[b, partner[b]])
-            of_ots += ((ots[other[b]] - ots[partner[b]]) ** 2).sum() < reach2
+            variance = 1.0 / max(weight[b, other[b]], weight[b, partner[b]])
+            of_ots += lie_beside(ots, other[b], partner[b], variance)
         for a in np.flatnonzero(other == partner[b]):
-            reach2 = PAIR_SIGMAS**2 / max(weight[a, partner[b]], weight[b, partner[b]])
-            of_ct += ((ct[a] - ct[b]) ** 2).sum() < reach2
+            of_ct += lie_beside(ct, a, b, 1.0 / max(weight[a, partner[b]], weight[b, partner[b]]))
     return of_ct, of_ots
 
 

@@ -35,7 +35,7 @@ from ronnaplan.correspondence.rivals import (
 from ronnaplan.correspondence.strays import side_by_side, told_twice
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.geometry import FloatArray
-from ronnaplan.rigid import freedom
+from ronnaplan.rigid import fit_probability
 
 MOST_ODDS_AGAINST_KNOWN = 100.0
 """Known pairs are not believed where pairings that contradict them are so many times as probable without them: about as
@@ -244,11 +244,9 @@ def odds_beside_core(problem: Problem, weighed: Weighed, dropped: NDArray[np.boo
     markers that moved each by itself, which are no body: its distances agree with errors as stated.  Where those of all
     do, the best pairing is one body.
     """
-    from scipy.special import gammaincc
-
     core = np.where(dropped, -1, weighed.partners[0])
     size = int((weighed.partners[0] >= 0).sum())
-    if not dropped.any() or gammaincc(freedom(size) / 2, weighed.chi2[0] / 2) > ONE_BODY:
+    if not dropped.any() or fit_probability(float(weighed.chi2[0]), size) > ONE_BODY:
         return 0.0
     return odds_of_another_body(problem, core, RIGID_GATE_CHI2)
 

@@ -21,7 +21,7 @@ from ronnaplan.correspondence.densities import BESIDE_SIGMAS, ROUNDS, Densities,
 from ronnaplan.correspondence.evidence import LEAST_SCALE, SCALES
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.problem import Problem, pairs_of
-from ronnaplan.correspondence.refining import PAIR_SIGMAS
+from ronnaplan.correspondence.refining import PAIR_SIGMAS, lie_beside
 from ronnaplan.geometry import FloatArray
 
 WIDEST = len(BESIDE_SIGMAS) - 2
@@ -131,15 +131,12 @@ def sure_pairs(meetings: Meetings, paired: FloatArray, ct: Densities, ots: Densi
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def side_by_side(ct: FloatArray, ots: FloatArray, variances: FloatArray) -> NDArray[np.bool_]:
-    """Return which pairs of points (k, 3) lie so near another, in both sets, that either may be a stray of its marker.
-
-    No farther than each one's own points may lie from each other; ``variances`` (k,) of a pair's difference per axis.
-    """
+    """Return which pairs of points (k, 3) `lie_beside` another in both sets; ``variances`` (k,) as there."""
     beside = np.zeros(len(ct), np.bool_)
     for a in range(len(ct)):
         for b in range(a):
-            reach2 = PAIR_SIGMAS**2 * min(variances[a], variances[b])
-            if ((ct[a] - ct[b]) ** 2).sum() < reach2 and ((ots[a] - ots[b]) ** 2).sum() < reach2:
+            variance = min(variances[a], variances[b])
+            if lie_beside(ct, a, b, variance) and lie_beside(ots, a, b, variance):
                 beside[a] = beside[b] = True
     return beside
 

@@ -6,7 +6,7 @@ exactly as acquired.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -209,6 +209,10 @@ class SliceGrid:
         in_plane = j[..., np.newaxis] * self.row_step_mm + i[..., np.newaxis] * self.column_step_mm
         places: FloatArray = self._origin_at(k) + in_plane
         return places
+
+    def at_slices(self, places: FloatArray) -> SliceGrid:
+        """Return the grid of slices at fractional slice indices ``places`` (K,) of this one."""
+        return replace(self, origins_mm=self._origin_at(np.asarray(places, dtype=np.float64)))
 
     def indices(self, positions_mm: FloatArray) -> FloatArray:
         """Map LPS mm (..., 3) to fractional voxel indices (..., 3) = (slice, row, column)."""

@@ -24,7 +24,7 @@ from ronnaplan.registration.covariances import (
 )
 from ronnaplan.registration.flags import LOOSE_ROTATION_DEG, MIRROR_GAIN, MISFIT_PROBABILITY, RegistrationFlag
 from ronnaplan.registration.stretch import explaining_stretch
-from ronnaplan.rigid import fit_closed_form, fit_likelihood, fre_rms_mm, freedom, require_spread
+from ronnaplan.rigid import fit_closed_form, fit_likelihood, fit_probability, fre_rms_mm, freedom, require_spread
 from ronnaplan.transforms import invert, point_jacobian, rotation_sd_deg, transform_points
 
 if TYPE_CHECKING:
@@ -147,9 +147,7 @@ class Registration(Shown[RegisteredPair]):
         """Chance that errors as stated give residuals this large or larger; None when no errors were stated."""
         if not self.errors_stated:
             return None
-        from scipy.special import gammaincc
-
-        return float(gammaincc(self.degrees_of_freedom / 2, self.chi_square / 2))
+        return fit_probability(self.chi_square, len(self.moving_mm))
 
     @cached_property
     def stretch(self) -> FloatArray | None:

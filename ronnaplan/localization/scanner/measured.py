@@ -76,12 +76,11 @@ def measured(volume: CTVolume) -> CTVolume:
     if len(alike) < last + 1 - first or max(first, len(gaps_mm) - 1 - last) > AT_AN_END:
         return volume
     kept = slice(first, last + 2)
-    origins_mm = [np.interp(places[kept], np.arange(count), along) for along in volume.grid.origins_mm.T]
     voxels_hu: NDArray[Any] = np.stack([_voxels(volume, one) for one in slices[kept]])
     return replace(
         volume.flagged(VolumeFlag.REFORMATTED),
         voxels_hu=voxels_hu,
-        grid=replace(volume.grid, origins_mm=np.column_stack(origins_mm)),
+        grid=volume.grid.at_slices(places[kept]),
     )
 
 
@@ -146,9 +145,10 @@ def _is_between(before: Voxels, here: Voxels, after: Voxels, share: float) -> bo
         j = (n + rows // 2) % rows  # from the middle on: the corners are often empty
         for i in range(columns):
             low, value, high = float(before[j, i]), float(here[j, i]), float(after[j, i])
-            if min(low, value, high) <= WITHIN_SCALE_HU[0] or max(low, value, high) >= WITHIN_SCALE_HU[1]:
+            least, most = min(low, value, high), max(low, value, high)
+            if least <= WITHIN_SCALE_HU[0] or most >= WITHIN_SCALE_HU[1]:
                 continue
-            if abs(value - low - share * (high - low)) > _rounded_hu(min(low, value, high), max(low, value, high)):
+            if abs(value - low - share * (high - low)) > _rounded_hu(least, most):
                 return False
             changes = changes or abs(high - low) > CHANGE_HU
     return changes
@@ -182,13 +182,9 @@ def _meet(four: Voxels, before: float, behind: float) -> float:
     least, most = -math.inf, math.inf
     for n in range(rows):
         for i in range(four.shape[2]):
-            here = four[:, (n + rows // 2) % rows, i]
-            apart, closing = _lines(here, before, behind)
+            apart, closing, rounded_hu = _lines(four[:, (n + rows // 2) % rows, i], before, behind)
             across += apart * closing
             squares += closing * closing
-            first, second, third, last = float(here[0]), float(here[1]), float(here[2]), float(here[3])
-            ends_hu = min(first, second, third, last), max(first, second, third, last)
-            rounded_hu = (1.0 + before + behind) * _rounded_hu(*ends_hu)
             if abs(closing) > NO_CHANGE_HU:
                 middle, wide = -apart / closing, abs(rounded_hu / closing)
                 least, most = max(least, middle - wide), min(most, middle + wide)
@@ -202,13 +198,14 @@ def _meet(four: Voxels, before: float, behind: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _lines(four: Voxels, before: float, behind: float) -> tuple[float, float]:
+def _lines(four: Voxels, before: float, behind: float) -> tuple[float, float, float]:
     """How far the lines of a voxel (4,) are apart at the second slice, and by how much less at the third.
 
-    Nothing where the scale may have ended.
+    Beside it by how much that may be off, as the values are whole numbers. Nothing where the scale may have ended.
     """
     first, low, high, last = float(four[0]), float(four[1]), float(four[2]), float(four[3])
-    if min(first, low, high, last) <= WITHIN_SCALE_HU[0] or max(first, low, high, last) >= WITHIN_SCALE_HU[1]:
-        return 0.0, 0.0
+    least, most = min(first, low, high, last), max(first, low, high, last)
+    if least <= WITHIN_SCALE_HU[0] or most >= WITHIN_SCALE_HU[1]:
+        return 0.0, 0.0, 0.0
     rise = behind * (last - high)
-    return low - high + rise, before * (low - first) - rise
+    return low - high + rise, before * (low - first) - rise, (1.0 + before + behind) * _rounded_hu(least, most)

@@ -70,8 +70,7 @@ def _at(volume: CTVolume, axis: int, places: _Places) -> CTVolume:
     nearest = np.clip(np.round(at), 0, count - 1).astype(int)
     voxels_hu: Any = np.ascontiguousarray(np.take(volume.voxels_hu, nearest, axis=axis))
     if axis == 0:
-        origins_mm = grid.positions_mm(np.column_stack([at, np.zeros((len(at), 2))]))
-        return replace(volume, voxels_hu=voxels_hu, grid=replace(grid, origins_mm=origins_mm))
+        return replace(volume, voxels_hu=voxels_hu, grid=grid.at_slices(at))
     step_mm = (grid.row_step_mm, grid.column_step_mm)[axis - 1]
     moved = replace(grid, origins_mm=grid.origins_mm + at[0] * step_mm)
     if axis == 1:

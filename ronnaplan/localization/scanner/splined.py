@@ -90,9 +90,7 @@ def before_splines(volume: CTVolume) -> CTVolume:
     thick = _at_knots(voxels_hu, knots)
     if thick is None:
         return volume
-    places = knots.within(len(voxels_hu))
-    origins_mm = volume.grid.positions_mm(np.column_stack([places, np.zeros((len(places), 2))]))
-    grid = replace(volume.grid, origins_mm=origins_mm)
+    grid = volume.grid.at_slices(knots.within(len(voxels_hu)))
     return replace(volume.flagged(VolumeFlag.REFORMATTED), voxels_hu=thick, grid=grid)
 
 

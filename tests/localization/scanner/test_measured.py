@@ -12,7 +12,7 @@ from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.errors import InputError
 from ronnaplan.localization import localize
 from ronnaplan.localization.scanner.measured import measured
-from tests.scans import balls, scan, small_stack
+from tests.scans import balls, scan, small_stack, with_slices
 
 PLACES = [(-18.0, -8.3, -6.2), (17.4, -9.0, 4.1), (1.2, 11.5, 1.3)]
 
@@ -30,10 +30,8 @@ def resampled(volume: CTVolume, step_mm: float, start_mm: float, kind: type[np.g
     below = np.minimum(places.astype(int), len(volume.voxels_hu) - 2)
     share = (places - below)[:, np.newaxis, np.newaxis]
     voxels_hu = volume.voxels_hu[below] * (1.0 - share) + volume.voxels_hu[below + 1] * share
-    origins_mm = volume.grid.origins_mm[0] + places[:, np.newaxis] * gap_mm * volume.grid.normal
-    grid = replace(volume.grid, origins_mm=origins_mm, thickness_mm=step_mm)
     stored = voxels_hu if kind is np.float32 else np.round(voxels_hu)
-    return replace(volume, voxels_hu=np.asarray(stored, dtype=kind), grid=grid)
+    return with_slices(volume, places, np.asarray(stored, dtype=kind), step_mm)
 
 
 @pytest.mark.parametrize(("step_mm", "start_mm"), [(1.0, 0.0), (2.5, 0.0), (2.0, 0.0), (1.0, 0.3), (2.5, 0.8)])

@@ -11,7 +11,7 @@ from ronnaplan.ct import CTVolume
 from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.localization import localize
 from ronnaplan.localization.scanner.repeated import without_copies
-from tests.scans import balls, scan, small_stack
+from tests.scans import balls, scan, small_stack, with_slices
 
 PLACES = [(-18.0, -8.3, -6.2), (17.4, -9.0, 4.1), (1.2, 11.5, 1.3)]
 
@@ -28,8 +28,7 @@ def nearest(volume: CTVolume, axis: int, by: float, start: float = 0.0) -> CTVol
     taken = np.asarray(np.take(volume.voxels_hu, np.floor(at + 0.5).astype(int), axis=axis), dtype=np.int16)
     grid = volume.grid
     if axis == 0:
-        origins_mm = grid.origins_mm[0] + np.outer(at, grid.origins_mm[1] - grid.origins_mm[0])
-        return replace(volume, voxels_hu=taken, grid=replace(grid, origins_mm=origins_mm, thickness_mm=1.0))
+        return with_slices(volume, at, taken, 1.0)
     name = ("row_step_mm", "column_step_mm")[axis - 1]
     step_mm = getattr(grid, name)
     moved = replace(grid, origins_mm=grid.origins_mm + start * step_mm)

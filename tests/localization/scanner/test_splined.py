@@ -13,7 +13,7 @@ from ronnaplan.ct import CTVolume
 from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.localization import localize
 from ronnaplan.localization.scanner.splined import before_splines
-from tests.scans import balls, scan, small_stack
+from tests.scans import balls, scan, small_stack, with_slices
 
 PLACES = [(-18.0, -8.3, -16.2), (17.4, -9.0, 9.1), (1.2, 11.5, 1.3)]
 
@@ -31,9 +31,7 @@ def splined(volume: CTVolume, step_mm: float, start_mm: float = 0.0, order: int 
     at = np.meshgrid(places, *(np.arange(size) for size in volume.voxels_hu.shape[1:]), indexing="ij")
     interpolated: Any = ndimage.map_coordinates
     voxels_hu = interpolated(volume.voxels_hu.astype(np.float64), at, order=order, mode="mirror")
-    origins_mm = volume.grid.origins_mm[0] + places[:, np.newaxis] * gap_mm * volume.grid.normal
-    grid = replace(volume.grid, origins_mm=origins_mm, thickness_mm=step_mm)
-    return replace(volume, voxels_hu=np.round(voxels_hu).astype(np.int16), grid=grid)
+    return with_slices(volume, places, np.round(voxels_hu).astype(np.int16), step_mm)
 
 
 @pytest.mark.parametrize(("step_mm", "start_mm"), [(1.0, 0.0), (2.5, 1.25), (0.7, 0.3), (1.25, 0.625)])
