@@ -6,24 +6,25 @@ import numpy as np
 import pytest
 
 from ronnaplan.cli import main
-from ronnaplan.documents.template import read_template_document
+from ronnaplan.documents.template import printed_template_document, read_template_document
+from ronnaplan.planning.template_layout import Bridge, TemplateLayout
 from tests.cases import CT
 from tests.long import few_and_others
 from tests.planning.test_template import read_body
+
+MIRRORED = "their own mirror image"
+"""What is told of four flat markers."""
 
 
 def test_a_standard_head_gives_body_document_and_drawing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for kind in ("stl", "3mf"):
-        body = tmp_path / f"{kind}.{kind}"
-        assert (
-            main(["plan", "template", "--markers", "3", "--screw-play", "0.3", "--name", "T1", "-o", str(body)])
-            == 0
-        )
-        assert read_body(body.read_bytes(), body.suffix).is_watertight
-        assert {one.suffix for one in tmp_path.glob(f"{kind}.*")} == {f".{kind}", ".json", ".svg", ".pdf"}
-    read = read_template_document(tmp_path / "stl.json")
+    body = tmp_path / "t.3mf"
+    ask = ["plan", "template", "--markers", "3", "--screw-play", "0.3", "--name", "T1", "-o", str(body)]
+    assert main(ask) == 0
+    assert read_body(body.read_bytes(), body.suffix).is_watertight
+    assert {one.name for one in tmp_path.iterdir()} == {"t.3mf", "t.json", "t.svg", "t.pdf"}
+    read = read_template_document(tmp_path / "t.json")
     assert (read.name, read.labels) == ("T1", ("A", "B", "C"))
     assert read.tolerance == pytest.approx(4 * np.sqrt(2 * ((0.2**2 + 0.3**2) / 3 + 0.15**2)), abs=1e-3)
     told = capsys.readouterr().out
@@ -59,7 +60,7 @@ def test_another_kind_of_body_is_refused(tmp_path: Path) -> None:
     assert main(["plan", "template", "--markers", "3", "-o", str(tmp_path / "t.obj")]) == 2
 
 
-def test_no_other_document_is_replaced_by_the_one_beside_the_body(
+def test_no_other_document_is_replaced_by_the_one_beside_the_body_but_a_template(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     beside = tmp_path / "plan.json"
@@ -68,17 +69,22 @@ def test_no_other_document_is_replaced_by_the_one_beside_the_body(
     assert main(command) == 1
     assert "plan.json is no template, and would be lost" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["plan.json"]
-    beside.unlink()
-    assert main(command) == main(command) == 0
+    found = TemplateLayout(Bridge(), np.array([[-45.0, -25.0], [-20.0, 28.0], [50.0, 10.0]]))
+    beside.write_text(printed_template_document(found, "an earlier one"))
+    assert main(command) == 0
+    told = capsys.readouterr()
+    assert MIRRORED not in told.out + told.err
+    assert read_template_document(beside).name != "an earlier one"
+    assert read_body((tmp_path / "plan.stl").read_bytes(), ".stl").is_watertight
 
 
-@few_and_others(("options", "is_told"), [(["4", "--flat"], True), (["3", "--flat"], False)], [(["4"], False)])
+@few_and_others(("options", "is_told"), [(["4", "--flat"], True)], [(["4"], False)])
 def test_who_wants_four_flat_markers_is_told_what_their_mirror_image_costs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], is_told: bool
 ) -> None:
     assert main(["plan", "template", "--markers", *options, "-o", str(tmp_path / "t.stl")]) == 0
     told = capsys.readouterr()
-    assert ("their own mirror image" in told.out + told.err) is is_told
+    assert (MIRRORED in told.out + told.err) is is_told
 
 
 def test_a_plate_for_a_scan_may_be_wider_than_a_standard_head_is_bent(

@@ -27,6 +27,7 @@ from ronnaplan.transforms import cross_matrix
 from tests import cases
 from tests.cli.chains import parked_chain
 from tests.documents.test_room import with_arm_body
+from tests.long import few_and_others
 from tests.planning.heads import layered_head
 from tests.robot.arm.arms import KR6, UR5E_M, UR10E_M, iiwa, ur
 
@@ -262,47 +263,10 @@ def test_a_chain_of_another_scan_is_refused_also_where_no_frame_of_reference_tel
         assert told in capsys.readouterr().err
 
 
-def test_a_registration_of_markers_that_were_found_anew_since_is_told(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_what_documents_tell_of_the_markers_is_taken_and_what_they_do_not_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    cases.write_case(tmp_path)
-    (tmp_path / "room.toml").write_text(EXAMPLE)
-    names = ("plan", "fiducials", "registration")
-    given = [f"--{name}={tmp_path / name}.json" for name in names] + [f"--scene={tmp_path / 'room.toml'}"]
-    parked = ["--parked", "90000", "0", "800", "0"]  # out of reach: what is told comes before
-    told = "warning: the registration has marker F1 at another place; register again"
-    assert main(["robot", "place", "--ct", str(cases.CT), *given, *parked]) == 3
-    assert told not in capsys.readouterr().err
-    found = json.loads((tmp_path / "fiducials.json").read_text())
-    found["fiducials"][0]["center"][0] += 3.0
-    (tmp_path / "fiducials.json").write_text(json.dumps(found))
-    output = tmp_path / "placement.json"
-    assert main(["robot", "place", "--ct", str(cases.CT), *given, *parked, "-o", str(output)]) == 3
-    assert told in capsys.readouterr().err
-    kept = {one.label: list(one.center) for one in read_placement(output).markers}
-    assert kept == {one["label"]: one["center"] for one in found["fiducials"]}  # that the report can tell it, too
-
-
-def test_markers_of_which_no_size_is_told_are_said_to_be_of_a_usual_one(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The registration has their places only."""
-    cases.write_case(tmp_path)
-    (tmp_path / "room.toml").write_text(EXAMPLE)
-    given = [f"--{name}={tmp_path / name}.json" for name in ("plan", "registration")]
-    given += [f"--scene={tmp_path / 'room.toml'}", "--parked", "90000", "0", "800", "0"]
-    told = "the markers are, so that they count as balls of 12 mm; give --fiducials"
-    assert main(["robot", "place", "--ct", str(cases.CT), *given]) == 3
-    assert told in capsys.readouterr().err
-    assert (
-        main(["robot", "place", "--ct", str(cases.CT), *given, f"--fiducials={tmp_path / 'fiducials.json'}"]) == 3
-    )
-    assert told not in capsys.readouterr().err
-
-
-def test_markers_count_as_large_as_the_fiducials_tell_and_with_them_what_else_stands_out_of_the_scalp(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    """Their sizes, that they were found anew since they were registered, and what else stands out of the scalp."""
     balls = []
 
     def spied(
@@ -315,16 +279,31 @@ def test_markers_count_as_large_as_the_fiducials_tell_and_with_them_what_else_st
         balls.append((markers_mm, beside_mm))
         return world_of(room, head_mm, tracker_mm, markers_mm, beside_mm)
 
+    def told(*names: str) -> str:
+        documents = [f"--{name}={tmp_path / name}.json" for name in ("plan", "registration", *names)]
+        scene = [f"--scene={tmp_path / 'room.toml'}", "-o", str(tmp_path / "placement.json")]
+        out_of_reach = ["--parked", "90000", "0", "800", "0"]  # what is told of the documents comes before
+        assert main(["robot", "place", "--ct", str(cases.CT), *documents, *scene, *out_of_reach]) == 3
+        return capsys.readouterr().err
+
     monkeypatch.setattr("ronnaplan.robot.placement.job.world_of", spied)
     cases.write_case(tmp_path)
     (tmp_path / "room.toml").write_text(EXAMPLE)
-    given = [f"--{name}={tmp_path / name}.json" for name in ("plan", "fiducials", "registration")]
-    given += [f"--scene={tmp_path / 'room.toml'}", "--parked", "90000", "0", "800", "0"]
-    assert main(["robot", "place", "--ct", str(cases.CT), *given]) == 3
-    found = json.loads((tmp_path / "fiducials.json").read_text())["fiducials"]
-    ((told, beside),) = balls
-    assert len(beside) > 1000
-    assert told[:, 3] == pytest.approx([one["diameter_mm"] / 2 for one in found])
+    anew = "warning: the registration has marker F1 at another place; register again"
+    usual = "the markers are, so that they count as balls of 12 mm; give --fiducials"
+    with_fiducials = told("fiducials")
+    assert anew not in with_fiducials
+    assert usual not in with_fiducials
+    ((markers_mm, beside_mm),) = balls
+    assert len(beside_mm) > 1000
+    found = json.loads((tmp_path / "fiducials.json").read_text())
+    assert markers_mm[:, 3] == pytest.approx([one["diameter_mm"] / 2 for one in found["fiducials"]])
+    assert usual in told()  # the registration has their places only
+    found["fiducials"][0]["center"][0] += 3.0
+    (tmp_path / "fiducials.json").write_text(json.dumps(found))
+    assert anew in told("fiducials")
+    kept = {one.label: list(one.center) for one in read_placement(tmp_path / "placement.json").markers}
+    assert kept == {one["label"]: one["center"] for one in found["fiducials"]}  # that the report can tell it, too
 
 
 def test_what_is_missing_is_named(case: list[str], capsys: pytest.CaptureFixture[str]) -> None:
@@ -393,7 +372,7 @@ def test_the_example_for_an_arm_of_meshes_asks_for_the_radius_of_each_link(
     assert read_room(room).reference_deg == (0, -92, 113, 0, 39, 0)
 
 
-@pytest.mark.parametrize("lengths_m", [UR5E_M, UR10E_M])
+@few_and_others("lengths_m", [UR5E_M], [UR10E_M])
 def test_the_example_for_another_arm_has_a_posture_that_it_can_go_by(
     lengths_m: tuple[float, ...], case: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -4,6 +4,7 @@ import ctypes
 import os
 import random
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,20 +13,18 @@ import pytest
 
 import tests.fuzz.border as border_module
 from ronnaplan.errors import InputError
-from tests.fuzz.border import Border, Watch, WrongValueError, try_one
-from tests.fuzz.runner import main, report, run
+from tests.fuzz.border import FAILED, Border, Watch, WrongValueError, try_one
+from tests.fuzz.runner import Tally, main, report, run
 
-BROKEN = 2
-"""The number of the input that breaks the border below; those beside it are refused and read."""
+SEED = 7
 
 
 class BrokenBorder(Border):
-    """Breaks at every third input, in the way of its class."""
+    """Breaks at every other input, each time in another of its `ways`; those between are refused and read in turn."""
 
-    most_bytes = 400 << 20
-
-    def __init__(self) -> None:
-        self.seen = 0
+    slowest_s = 0.5
+    most_bytes = 200 << 20
+    ways: tuple[Callable[[], None], ...] = ()
 
     def check_seeds(self, folder: Path) -> None:
         pass
@@ -34,30 +33,20 @@ class BrokenBorder(Border):
         return "a kind", chance.random()
 
     def feed(self, given: Any, folder: Path) -> str:
-        number = next(n for n in range(9) if random.Random(f"7/{n}").random() == given)
-        if number == BROKEN:
-            self.fail()
-        elif number % 2:
-            raise InputError("it is odd; expected an even one")
+        number = next(n for n in range(99) if random.Random(f"{SEED}/{n}").random() == given)
+        if number % 2:
+            self.ways[number // 2]()
+        elif number % 4:
+            raise InputError("it is two more than a multiple of four; expected one")
         return "read"
 
-    def fail(self) -> None:
-        raise NotImplementedError
+
+def traceback() -> None:
+    raise KeyError("rows")
 
 
-class TracebackBorder(BrokenBorder):
-    def fail(self) -> None:
-        raise KeyError("rows")
-
-
-class WrongBorder(BrokenBorder):
-    def fail(self) -> None:
-        raise WrongValueError("3 mm, its header says 4 mm")
-
-
-class TalkativeBorder(BrokenBorder):
-    def fail(self) -> None:
-        raise TalkativeError
+def wrong() -> None:
+    raise WrongValueError("3 mm, its header says 4 mm")
 
 
 class TalkativeError(InputError):
@@ -65,47 +54,64 @@ class TalkativeError(InputError):
         return "two\nlines"
 
 
-class SlowBorder(BrokenBorder):
-    slowest_s = 0.5
-
-    def fail(self) -> None:
-        ends = time.process_time() + 0.6
-        while time.process_time() < ends:
-            pass
+def talkative() -> None:
+    raise TalkativeError
 
 
-class WaitingBorder(BrokenBorder):
-    slowest_s = 0.5
-
-    def fail(self) -> None:
-        time.sleep(60)
-
-
-class DeafBorder(BrokenBorder):
-    """Waits where no signal reaches it, as a decoder's loop does."""
-
-    slowest_s = 0.5
-
-    def fail(self) -> None:
-        import signal
-
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGALRM})
-        time.sleep(60)
+def slow() -> None:
+    ends = time.process_time() + 1.0
+    while time.process_time() < ends:
+        pass
 
 
-class CrashingBorder(BrokenBorder):
-    def fail(self) -> None:
-        ctypes.string_at(0)
+def waiting() -> None:
+    time.sleep(60)
 
 
-class LeavingBorder(BrokenBorder):
-    def fail(self) -> None:
-        os._exit(3)
+def deaf() -> None:
+    """Wait where no signal reaches it, as a decoder's loop does."""
+    import signal
+
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGALRM})
+    time.sleep(60)
 
 
-class GreedyBorder(BrokenBorder):
-    def fail(self) -> None:
-        np.ones(500 << 20, np.uint8)
+def crashing() -> None:
+    ctypes.string_at(0)
+
+
+def leaving() -> None:
+    os._exit(3)
+
+
+def greedy() -> None:
+    np.ones(250 << 20, np.uint8)
+
+
+WORDS = {
+    traceback: "KeyError: 'rows'",
+    wrong: "wrong value: 3 mm, its header says 4 mm",
+    talkative: "not one printable line",
+    slow: "took 1.",
+    waiting: "hung, stopped",
+    deaf: "hung",
+    crashing: "ended the process (status -11)",
+    leaving: "ended the process (status 3)",
+    greedy: "GiB of memory",
+}
+
+
+class EveryWayBorder(BrokenBorder):
+    ways = tuple(WORDS)
+
+
+COUNT = 2 * len(WORDS) + 1
+SLOW = 2 * list(WORDS).index(slow) + 1
+
+
+@pytest.fixture(scope="module")
+def tally() -> Tally:
+    return run(f"{__name__}:{EveryWayBorder.__name__}", SEED, range(COUNT))
 
 
 def test_a_watch_counts_waiting_but_not_what_others_take_of_the_processor(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -117,47 +123,37 @@ def test_a_watch_counts_waiting_but_not_what_others_take_of_the_processor(monkey
     assert watch.passed_s() == 3.0
 
 
-@pytest.mark.parametrize(
-    ("border", "words"),
-    [
-        (TracebackBorder, "KeyError: 'rows'"),
-        (WrongBorder, "wrong value: 3 mm, its header says 4 mm"),
-        (TalkativeBorder, "not one printable line"),
-        (SlowBorder, "took 0."),
-        (WaitingBorder, "hung"),
-        (DeafBorder, "hung"),
-        (CrashingBorder, "ended the process (status -11)"),
-        (LeavingBorder, "ended the process (status 3)"),
-        (GreedyBorder, "GiB of memory"),
-    ],
-)
-def test_each_kind_of_failure_is_seen_and_the_inputs_after_it_are_tried(border: type[Border], words: str) -> None:
-    tally = run(f"{__name__}:{border.__name__}", 7, range(5))
-    (failure,) = tally.failures
-    assert failure.startswith(f"input {BROKEN} (")
-    assert words in failure
-    assert sorted(tally.outcomes.values()) == [1, 2, 2]
-    assert tally.outcomes["a kind", "refused"] == tally.outcomes["a kind", "read"] == 2
+@pytest.mark.parametrize("way", WORDS, ids=[way.__name__ for way in WORDS])
+def test_each_kind_of_failure_is_seen(way: Callable[[], None], tally: Tally) -> None:
+    number = 2 * list(WORDS).index(way) + 1
+    (failure,) = (one for one in tally.failures if one.startswith(f"input {number} ("))
+    assert WORDS[way] in failure
     assert failure in report("a border", tally)
 
 
-def test_the_longest_input_and_the_memory_at_its_peak_are_told() -> None:
-    tally = run(f"{__name__}:{SlowBorder.__name__}", 7, range(5))
-    assert tally.longest[1] == BROKEN
-    assert tally.longest[0] > 0.5
-    assert "(input 2) and 0." in report("a border", tally)
-    assert tally.peak_bytes > 1 << 20
+def test_the_inputs_after_a_failure_are_tried(tally: Tally) -> None:
+    """Also where it took the process with it."""
+    assert [tally.outcomes["a kind", outcome] for outcome in ("read", "refused")] == [5, 5]
+    assert len(tally.failures) == len(WORDS)
+    assert sum(count for (_, outcome), count in tally.outcomes.items() if outcome == FAILED) == len(WORDS)
+
+
+def test_the_longest_input_and_the_memory_at_its_peak_are_told(tally: Tally) -> None:
+    assert tally.longest[1] == SLOW
+    assert tally.longest[0] > 0.9
+    assert f"(input {SLOW}) and 0." in report("a border", tally)
+    assert tally.peak_bytes > 200 << 20
 
 
 def test_the_same_number_of_the_same_seed_is_the_same_input() -> None:
-    border = TracebackBorder()
-    given = [border.hostile(random.Random("7/3"))[1] for _ in range(2)]
+    border = BrokenBorder()
+    given = [border.hostile(random.Random(f"{SEED}/6"))[1] for _ in range(2)]
     assert given[0] == given[1]
-    assert try_one(border, 3, 7, Path()) == ("a kind", "refused")
+    assert try_one(border, 6, SEED, Path()) == ("a kind", "refused")
 
 
 def test_a_border_that_cannot_start_is_a_failure() -> None:
-    (failure,) = run("tests.fuzz.border:Border", 7, range(5)).failures
+    (failure,) = run("tests.fuzz.border:Border", SEED, range(5)).failures
     assert "its start" in failure
 
 
@@ -167,18 +163,15 @@ class LateBorder(BrokenBorder):
     def check_seeds(self, folder: Path) -> None:
         time.sleep(0.3)
 
-    def fail(self) -> None:
-        pass
-
 
 def test_the_start_of_a_border_takes_nothing_from_its_inputs_time() -> None:
-    tally = run(f"{__name__}:{LateBorder.__name__}", 7, range(1), budget_s=0.2)
+    tally = run(f"{__name__}:{LateBorder.__name__}", SEED, range(1), budget_s=0.2)
     assert sum(tally.outcomes.values()) == 1
     assert not tally.failures
 
 
 def test_a_border_without_an_input_is_a_failure() -> None:
-    (failure,) = run(f"{__name__}:{LateBorder.__name__}", 7, range(5), budget_s=0.0).failures
+    (failure,) = run(f"{__name__}:{LateBorder.__name__}", SEED, range(5), budget_s=0.0).failures
     assert "no input was tried" in failure
 
 
