@@ -12,6 +12,7 @@ import pytest
 from ronnaplan.cli import main
 from ronnaplan.documents.phantom_check import read_known_phantom
 from ronnaplan.errors import InputError
+from tests.cohort.scans import phantom
 
 SCAN = Path(__file__).parents[2] / "data" / "synthetic_ct"
 
@@ -63,9 +64,9 @@ def test_a_scan_that_holds_what_it_states_passes_and_one_with_another_truth_does
 def test_a_scan_is_not_compared_with_what_was_found_in_itself(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    truth, out = tmp_path / "fiducials.json", tmp_path / "check.json"
-    assert main(["localize", str(SCAN), "--diameter", "11.5", "-o", str(truth)]) == 0
-    check = ["phantom-check", str(SCAN), "--truth", str(truth), "--diameter", "11.5", "-o", str(out)]
+    scan, truth, out = phantom(tmp_path / "scan"), tmp_path / "fiducials.json", tmp_path / "check.json"
+    assert main(["localize", str(scan), "--diameter", "11.5", "-o", str(truth)]) == 0
+    check = ["phantom-check", str(scan), "--truth", str(truth), "--diameter", "11.5", "-o", str(out)]
     for sigma in ([], ["--sigma-truth", "0.01"]):
         capsys.readouterr()
         assert main([*check, *sigma]) == 1

@@ -16,12 +16,12 @@ import pytest
 from pydicom import dcmread
 from pydicom.dataset import FileDataset
 
-from ronnaplan.cli import main
 from ronnaplan.documents.dicom_spatial import SPATIAL_REGISTRATION
 from ronnaplan.node.hub import Hub
 from ronnaplan.node.index import Index
 from ronnaplan.node.logs import Log
 from ronnaplan.report.pdf import find_browser
+from tests import cases
 from tests.node.peers import Orthanc, free_port, needs, program, send, until, write_toml
 
 SCAN = Path("data/synthetic_ct")
@@ -43,7 +43,6 @@ answers = ["fiducials", "sr", "pdf", "sheet"]
 receivers = ["pacs", "web"]
 documents = "documents"
 """
-PATH = ("--entry", "-30", "-40", "78", "--target", "-10", "-5", "10")
 CLASSES = {
     "fiducials": "1.2.840.10008.5.1.4.1.1.66.2",
     "sr": "1.2.840.10008.5.1.4.1.1.88.34",
@@ -199,19 +198,15 @@ def test_a_registration_and_a_plan_that_come_later_get_into_the_archive_too(
     """The last one: it puts a second SR into the archive."""
     running, orthanc = answered
     scan = dcmread(SCAN / "CT0001.dcm", stop_before_pixels=True)
-    markers, registration, plan = (tmp_path / f"{name}.json" for name in ("fiducials", "registration", "plan"))
-    for command in (
-        ["localize", SCAN, "--diameter", "11.5", "--expected", "6", "-o", markers],
-        ["register", markers, SCAN / "readings.csv", "-o", registration],
-        ["plan", "new", SCAN, "-o", plan],
-        ["plan", "add", plan, "left", "--ct", SCAN, "--coordinates", "LPS", *PATH],
-    ):
-        assert main([str(part) for part in command]) == 0
+    cases.write_case(tmp_path)
+    registration = json.loads((tmp_path / "registration.json").read_text())
+    registration["source"]["study_instance_uid"] = scan.StudyInstanceUID
+    (tmp_path / "registration.json").write_text(json.dumps(registration))
     folder = running.config.home / "documents" / scan.StudyInstanceUID
     folder.mkdir(parents=True)
     before, sent = len(orthanc.instances()), len(running.events("delivered"))
-    for path in (registration, plan):
-        path.rename(folder / path.name)
+    for name in ("registration.json", "plan.json"):
+        (tmp_path / name).rename(folder / name)
     running.tick_until(lambda: len(running.events("delivered")) == sent + 4)
     new = [one for one in orthanc.instances() if one.SOPClassUID == SPATIAL_REGISTRATION]
     plans = [one for one in orthanc.instances() if "1 planned trajectories" in one.get("SeriesDescription", "")]

@@ -7,7 +7,6 @@ import io
 import json
 import os
 import queue
-import shutil
 import signal
 import sqlite3
 import sys
@@ -29,6 +28,7 @@ from ronnaplan.node.index import LONGEST_WAIT_S, Index
 from ronnaplan.node.jobs import Foreman, retry, wait_s
 from ronnaplan.node.logs import Log
 from ronnaplan.node.work import Order
+from tests.cohort.scans import phantom
 from tests.long import few_or_all
 from tests.node.peers import configuration, until
 from tests.node.test_series import facts
@@ -284,10 +284,7 @@ def test_a_worker_that_is_killed_amid_its_answers_makes_the_others_and_none_twic
     job(index, "1.4.0")
     rule = {"name": "all", "diameters": [11.5], "answers": ["fiducials", "sr", "sheet"]}
     config = configuration(tmp_path, rule=[rule], jobs={"retry_s": 0.1})
-    scan = config.data / "instances" / "1.3" / "1.4.0"
-    scan.mkdir(parents=True)
-    for number in range(60, 91):  # the slices of four markers: they are looked for anew after each kill
-        shutil.copy(f"data/synthetic_ct/CT{number:04d}.dcm", scan)
+    phantom(config.data / "instances" / "1.3" / "1.4.0")
     said = io.StringIO()
     foreman = Foreman(config, index, Log(said), work.MODULE)
     killed: list[int] = []

@@ -16,8 +16,8 @@ from ronnaplan.node import work as work_module
 from ronnaplan.node.config import Rule
 from ronnaplan.node.work import Order, begin, finish
 from ronnaplan.report import contact, marker_part, pdf
+from tests.cohort.scans import CENTERS_MM, phantom
 
-SCAN = Path("data/synthetic_ct")
 HEAVY = {
     "PIL",
     "cv2",
@@ -84,8 +84,9 @@ def test_the_voxels_are_gone_before_what_needs_none_is_made(
     monkeypatch.setattr(marker_part, "draw_row", without_voxels(contact.draw_row))
     monkeypatch.setattr(pdf, "print_pdf", without_voxels(lambda page, below: b"%PDF-"))
     told: list[tuple[str, Any]] = []
-    rule = Rule(name="r", diameters=(11.5,), expected=6)
-    order = Order(1, SCAN, len(list(SCAN.glob("*.dcm"))), tmp_path, tmp_path / "answers", rule, ())
+    scan = phantom(tmp_path / "scan")
+    rule = Rule(name="r", diameters=(11.5,), expected=len(CENTERS_MM))
+    order = Order(1, scan, len(list(scan.glob("*.dcm"))), tmp_path, tmp_path / "answers", rule, ())
 
     def tell(event: str, **facts: Any) -> None:
         told.append((event, facts.get("kind")))

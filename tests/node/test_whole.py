@@ -255,7 +255,7 @@ def test_an_archive_that_says_done_too_early_is_waited_for_and_one_that_sends_le
     with dimse(scan, scan, config.port) as (peer, asked):
         assert pull(config, peer, Wanted(patient_id="MÜ漢1"), tmp_path, by="move") == len(scan)
         assert asked[0].PatientID == "MÜ漢1"  # not M??1, which fits others
-    for way, silent_s in (("get", 30.0), ("move", 5.0)):  # so long the second waits for more
+    for way, silent_s in (("get", 30.0), ("move", 3.0)):  # so long the second waits for more
         with (
             dimse(scan, scan[1:], config.port) as (peer, _),
             pytest.raises(InputError, match="lists 4 instances and sent 3"),
