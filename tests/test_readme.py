@@ -16,8 +16,8 @@ ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 SMALL = (70, 100)
 """Pixels of the report's picture of the head: rows, columns."""
-COARSE = {"--matrix 256": "--matrix 64"}
-"""What is printed of a phantom -> what is scanned: with fewer pixels."""
+COARSE = {"--matrix 256": "--matrix 64 --spacing 5"}
+"""What is printed of a phantom -> what is scanned: with fewer pixels and slices."""
 SERVERS = ("view",)
 """Verbs that do not end by themselves; their arguments are parsed."""
 

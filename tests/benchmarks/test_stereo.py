@@ -58,7 +58,9 @@ def test_a_ball_beyond_the_boards_is_left_out_of_a_calibrations_errors() -> None
     assert worst(*looked(views, rig)) == ["", ""]
 
 
+@pytest.mark.long
 def test_cameras_calibrated_on_boards_measure_balls_within_them() -> None:
+    """As robot/stereo/test_calibration.py has it of other boards."""
     score = Score()
     measure_on_boards("all over", np.random.default_rng(LOOKED_AT), score, boards=6, balls=4)
     assert len(score.errors_mm) == 4

@@ -39,9 +39,10 @@ def test_the_answer_repeats_itself() -> None:
     assert np.array_equal(match_points(ct, ots).pairs, match_points(ct, ots).pairs)
 
 
-def test_clouds_that_share_nothing_are_unmatched() -> None:
+@few_or_all("cases", 4, 10)
+def test_clouds_that_share_nothing_are_unmatched(cases: int) -> None:
     rng = np.random.default_rng(2)
-    for _ in range(10):
+    for _ in range(cases):
         assert match_points(ball(rng, 80, 200.0), ball(rng, 80, 200.0)).status == "unmatched"
 
 
@@ -132,11 +133,12 @@ def test_of_two_bodies_the_larger_is_paired_be_it_ever_so_compact() -> None:
         assert (partner[pairing.pairs[:, 0]] == pairing.pairs[:, 1]).all()
 
 
+@few_or_all("cases", 4, 8)
 @pytest.mark.parametrize(
     ("count", "radii"), [(20, (40.0, 300.0)), (20, (90.0, 90.0)), (6, (60.0, 60.0)), (7, (40.0, 150.0))]
 )
-def test_of_two_equal_bodies_neither_is_taken(count: int, radii: tuple[float, float]) -> None:
-    for seed in range(8):
+def test_of_two_equal_bodies_neither_is_taken(count: int, radii: tuple[float, float], cases: int) -> None:
+    for seed in range(cases):
         ct, ots, _ = bodies(seed, [count, count], radii)
         assert match_points(ct, ots).status != "unique", seed
 
@@ -174,7 +176,7 @@ def test_a_marker_that_is_pointed_at_tells_which_of_two_equal_bodies_is_the_pati
         assert (partner[pairing.pairs[:, 0]] == pairing.pairs[:, 1]).all()
 
 
-@few_or_all("cases", 3, 8)
+@few_or_all("cases", 2, 8)
 def test_of_two_equal_bodies_neither_is_taken_where_outliers_are_dense(cases: int) -> None:
     """One was accepted in a third of the scenes, with up to 0.9995."""
     for seed in range(cases):
@@ -228,7 +230,7 @@ def test_a_reading_that_errs_without_measure_is_left_out_and_no_other(markers: i
     assert set(range(markers)) - set(pairing.pairs[:, 0].tolist()) == {3}
 
 
-@few_or_all("cases", 3, 8)
+@few_or_all("cases", 2, 8)
 def test_markers_are_found_among_four_times_as_many_outliers_that_are_denser(cases: int) -> None:
     """Most were refused: when the allowed work was done, an equal pose could still have been missed."""
     for seed in range(cases):
@@ -252,17 +254,18 @@ def test_larger_errors_than_stated_lose_no_pairs() -> None:
         assert len(pairing.pairs) >= 16
 
 
-def test_a_marker_of_many_that_moved_is_named() -> None:
+@few_or_all("cases", 10, 20)
+def test_a_marker_of_many_that_moved_is_named(cases: int) -> None:
     """Of more than 16 points it was left out without a word."""
     named = 0
-    for seed in range(20):
+    for seed in range(cases):
         ct, ots, partner = scene(seed, 24, 4, layout=ball(np.random.default_rng(seed), 24, 90.0))
         direction = np.random.default_rng([1, seed]).normal(size=3)
         ct[1] += 8.0 * direction / np.linalg.norm(direction)
         for pairing in (match_points(ct, ots, expected=24), match_points(ots, ct, expected=24).swapped()):
             assert 1 not in pairing.pairs[:, 0]
             named += pairing.moved.tolist() == [[1, partner[1]]]
-    assert named >= 36
+    assert named >= 0.9 * 2 * cases
 
 
 @pytest.mark.parametrize("seed", [2, 12, 34])

@@ -20,10 +20,10 @@ from ronnaplan.correspondence.layout import (
 )
 from ronnaplan.errors import InputError, RonnaplanError
 from tests.correspondence.scenes import HEAD, SIGMA_CT, SIGMA_OTS
-from tests.long import few_and_others
+from tests.long import few_and_others, few_or_all
 
 
-@pytest.mark.parametrize("seed", range(12))
+@few_and_others("seed", range(4), range(4, 12))
 def test_the_nearest_rival_is_that_of_trying_every_order(seed: int) -> None:
     points = np.random.default_rng(seed).normal(size=(3 + seed % 4, 3)) * 50
     centered = points - points.mean(axis=0)
@@ -55,7 +55,7 @@ def test_a_layout_with_a_mirror_plane_but_no_rotation_is_distinguishable() -> No
     assert describe_layout(points).rival_distance_mm > 20.0
 
 
-@pytest.mark.parametrize("seed", range(12))
+@few_and_others("seed", range(4), range(4, 12))
 def test_the_mirror_distance_is_that_of_trying_every_order(seed: int) -> None:
     points = np.random.default_rng(seed).normal(size=(3 + seed % 4, 3)) * [20, 20, 4]
     centered = points - points.mean(axis=0)
@@ -124,19 +124,21 @@ def test_the_rival_distance_follows_scale_and_ignores_pose_and_order(seed: int, 
     assert describe_layout(moved).rival_distance_mm == pytest.approx(expected_mm, rel=1e-5, abs=1e-4)
 
 
+@few_or_all("cases", 300, 600)
 @few_and_others("difference", [2.0], [4.0])
-def test_the_refusal_probability_is_what_simulation_finds(difference: Any) -> None:
+def test_the_refusal_probability_is_what_simulation_finds(difference: Any, cases: int) -> None:
     triangle = np.array([[-40.0, 0, 0], [40, 0, 0], [0.5 * difference, 90, 0]])
     rng = np.random.default_rng(6)
     refused = 0
-    for _ in range(600):
+    for _ in range(cases):
         ct, ots = (triangle + sigma * rng.normal(size=(3, 3)) for sigma in (SIGMA_CT, SIGMA_OTS))
         refused += match_points(ct, ots, expected=3).status != "unique"
-    assert refused / 600 == pytest.approx(describe_layout(triangle).refusal_probability(), abs=0.08)
+    assert refused / cases == pytest.approx(describe_layout(triangle).refusal_probability(), abs=0.08)
 
 
+@few_or_all("cases", 200, 500)
 @few_and_others("away_mm", [5.0], [3.5, 6.0])
-def test_the_refusal_probability_of_regular_markers_is_what_simulation_finds(away_mm: float) -> None:
+def test_the_refusal_probability_of_regular_markers_is_what_simulation_finds(away_mm: float, cases: int) -> None:
     """Six markers about an axis, as an even spread has them, were said to be refused in 3 % at 3.4 mm; 95 % were."""
     even = np.array([[0, 0, 0], [60, 0, 0], [60, 60, 0], [0, 60, 0], [30, 30, 40], [30, 30, 90.0]])
     rng = np.random.default_rng(8)
@@ -145,10 +147,10 @@ def test_the_refusal_probability_of_regular_markers_is_what_simulation_finds(awa
     layout = describe_layout(markers)
     assert layout.rival_distance_mm == pytest.approx(away_mm, rel=0.1)
     refused = 0
-    for _ in range(500):
+    for _ in range(cases):
         ct, ots = (markers + sigma * rng.normal(size=(6, 3)) for sigma in (SIGMA_CT, SIGMA_OTS))
         refused += match_points(ct, ots, expected=6).status != "unique"
-    assert refused / 500 == pytest.approx(layout.refusal_probability(), abs=0.12)
+    assert refused / cases == pytest.approx(layout.refusal_probability(), abs=0.12)
 
 
 @pytest.mark.parametrize("markers", [3, 6, 32])

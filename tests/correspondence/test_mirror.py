@@ -49,15 +49,19 @@ def test_four_markers_are_not_paired_where_only_their_mirror_image_fits_within_t
     assert refused >= 90
 
 
+@few_or_all("cases", 20, 60)
 @pytest.mark.parametrize("height_mm", [0.0, 1.0])
 @pytest.mark.parametrize("markers", [4, 6, 8])
-def test_flat_markers_that_are_right_handed_are_not_doubted(markers: int, height_mm: float) -> None:
-    reasons = [match_points(*head(seed, markers, 0, height_mm), expected=markers).reason for seed in range(60)]
+def test_flat_markers_that_are_right_handed_are_not_doubted(markers: int, height_mm: float, cases: int) -> None:
+    reasons = [match_points(*head(seed, markers, 0, height_mm), expected=markers).reason for seed in range(cases)]
     assert not any("left-handed" in reason for reason in reasons)
 
 
+@few_or_all("cases", 8, 20)
 @pytest.mark.parametrize("height_mm", [None, 0.5])
-def test_errors_that_are_larger_in_one_direction_are_turned_over_with_the_points(height_mm: float | None) -> None:
+def test_errors_that_are_larger_in_one_direction_are_turned_over_with_the_points(
+    height_mm: float | None, cases: int
+) -> None:
     poor = 0.02 * np.eye(3)
     poor[0, 2] = poor[2, 0] = 0.15
     poor[0, 0] = poor[2, 2] = 0.2
@@ -66,7 +70,7 @@ def test_errors_that_are_larger_in_one_direction_are_turned_over_with_the_points
     def matched(ct: FloatArray, ots: FloatArray) -> Pairing:
         return match_points(ct, ots, 6, covariances_ct_mm2=errors[0], covariances_ots_mm2=errors[1])
 
-    for seed in range(20):
+    for seed in range(cases):
         rng = np.random.default_rng([9, seed])
         points, _ = head(seed, 6, 0, height_mm)
         ct = points + rng.multivariate_normal(np.zeros(3), poor, size=6)
@@ -111,9 +115,10 @@ def test_many_sound_markers_alike_on_the_left_and_right_are_not_called_left_hand
         assert match_points(ct, ots).status == "unique"
 
 
-def test_points_on_a_sphere_that_have_nothing_in_common_are_not_called_left_handed() -> None:
+@few_or_all("seeds", (0, 1), (0, 1, 2, 4, 5))
+def test_points_on_a_sphere_that_have_nothing_in_common_are_not_called_left_handed(seeds: tuple[int, ...]) -> None:
     """Five of them were: poses that chance makes were lost where they were sought anew with larger errors."""
-    for seed in (0, 1, 2, 4, 5):
+    for seed in seeds:
         ways = np.random.default_rng([90, seed]).normal(size=(2, 80, 3))
         ct, ots = 90.0 * ways / np.linalg.norm(ways, axis=2, keepdims=True)
         pairing = match_points(ct, ots)

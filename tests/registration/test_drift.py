@@ -38,9 +38,10 @@ def unit_vectors(rng: np.random.Generator, count: int) -> np.ndarray:
     return found
 
 
-def test_noise_alone_is_no_drift() -> None:
+@few_or_all("count", 100, 250)
+def test_noise_alone_is_no_drift(count: int) -> None:
     rng = np.random.default_rng(4)
-    frames = [reading(HEAD + 0.1 * rng.normal(size=HEAD.shape)) for _ in range(250)]
+    frames = [reading(HEAD + 0.1 * rng.normal(size=HEAD.shape)) for _ in range(count)]
     reference = reading(HEAD + 0.1 * rng.normal(size=HEAD.shape))
     drifts = drift_over_time(reference, frames)
     assert {drift.status for drift in drifts} == {DriftStatus.STILL}

@@ -100,7 +100,7 @@ def test_stated_probabilities_are_calibrated_on_a_sample(scenes: int) -> None:
 
 def test_the_study_writes_its_results_and_is_the_same_for_any_number_of_workers(tmp_path: Path) -> None:
     for workers in (1, 2):
-        run_simulation(tmp_path / str(workers), 3, 5, further=False, workers=workers)
+        run_simulation(tmp_path / str(workers), 1, 5, further=False, workers=workers)
     documents = [json.loads((tmp_path / str(w) / "results.json").read_text()) for w in (1, 2)]
     assert documents[0] == documents[1]
     names = {path.name for path in (tmp_path / "1").iterdir()}

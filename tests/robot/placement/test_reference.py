@@ -8,7 +8,6 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
-import pytest
 from scipy.spatial.distance import cdist
 
 from ronnaplan.documents.room_example import example_of, example_room
@@ -20,6 +19,7 @@ from ronnaplan.robot.arm.quality import singularity_deg
 from ronnaplan.robot.arm.urdf import read_urdf
 from ronnaplan.robot.placement.reference import proposed_deg
 from ronnaplan.transforms import transform_points
+from tests.long import few_and_others
 from tests.robot.arm import arms
 
 LENGTH_MM = 300.0
@@ -44,6 +44,10 @@ ARMS: dict[str, Callable[[Path], SerialArm]] = {
 }
 
 
+ALIKE = ("KR 6", "UR10e", "iiwa, 7 held")
+"""Arms that differ from one of the others by their lengths, or by which joint is held."""
+
+
 def least_apart_mm(arm: SerialArm, posture_rad: FloatArray) -> float:
     """Least distance of bodies, the room's tool among them, with three joints between them or more, by places."""
     frames = link_frames(arm, posture_rad)
@@ -62,7 +66,7 @@ def least_apart_mm(arm: SerialArm, posture_rad: FloatArray) -> float:
     return float(min(cdist(a, b).min() - radius - other for (_, a, radius), (_, b, other) in pairs))
 
 
-@pytest.mark.parametrize("name", ARMS)
+@few_and_others("name", [name for name in ARMS if name not in ALIKE], ALIKE)
 def test_a_proposed_posture_is_bent_and_apart_from_all(name: str, tmp_path: Path) -> None:
     """Middles of limits are zeros for most arms: these stand stretched then, or meet themselves."""
     arm = ARMS[name](tmp_path)
