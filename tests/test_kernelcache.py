@@ -245,8 +245,8 @@ def test_who_waits_too_long_for_a_process_that_hangs_compiles_for_itself(
 def test_of_processes_that_want_a_kernel_at_once_one_compiles_it(tmp_path: Path) -> None:
     (tmp_path / "counting.py").write_text(COUNTING.replace("count + by", "count + by + 0 * len([by])"))
     with ThreadPoolExecutor() as pool:
-        found = list(pool.map(lambda _: told(tmp_path, "counting.py"), range(3)))
-    assert sorted(found) == ["5 1 0"] * 2 + ["5 1 1"]
+        found = list(pool.map(lambda _: told(tmp_path, "counting.py"), range(2)))
+    assert sorted(found) == ["5 1 0", "5 1 1"]
 
 
 def filled_slices(path: Path) -> list[str]:

@@ -22,6 +22,7 @@ from ronnaplan.node.hub import Hub, run_node
 from ronnaplan.node.index import FILE, Index
 from ronnaplan.node.logs import Log
 from tests.ct import makers
+from tests.long import few_and_others
 from tests.node.peers import configuration, free_port, needs, save, send, until, write_toml
 from tests.node.test_series import add
 
@@ -58,7 +59,7 @@ def test_a_node_receives_through_its_receiver_s_death_and_ends_whole(tmp_path: P
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a process is sent no signals there")
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+@few_and_others("how", [signal.SIGINT], [signal.SIGTERM])  # by which the test before ends its node
 def test_a_node_is_stopped_by_ctrl_c_as_by_a_signal_and_says_so(tmp_path: Path, how: int) -> None:
     config = write_toml(tmp_path, free_port())
     with subprocess.Popen(

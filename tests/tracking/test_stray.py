@@ -12,6 +12,7 @@ from ronnaplan.tracking import MarkerFlag, PointReading, Recording, ToolReading,
 from ronnaplan.tracking.stray import GATE_MM, _assigned
 from ronnaplan.tracking.told import readings_told
 from ronnaplan.transforms import rigid
+from tests.long import few_or_all
 
 TRUTH = np.array([[-60.0, 20, -1040], [55, 30, -1050], [5, -85, -1060], [-20, 60, -1075], [30, -10, -1095]])
 JITTER = 0.1
@@ -46,9 +47,10 @@ def test_shuffled_strays_with_dropouts_and_reflections_become_the_markers(seed: 
     assert seen == len(recording(seed))  # nothing lost
 
 
-def test_means_scatter_as_the_jitter_part_of_their_covariance_says() -> None:
+@few_or_all("cases", 30, 60)
+def test_means_scatter_as_the_jitter_part_of_their_covariance_says(cases: int) -> None:
     squared = []
-    for seed in range(60):
+    for seed in range(cases):
         found = find_markers(Recording("test", tuple(recording(seed, frames=150))), sigma_mm=0.0)
         order = [int(np.linalg.norm(found.points.positions_mm - t, axis=1).argmin()) for t in TRUTH]
         error = found.points.positions_mm[order] - TRUTH

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
+from functools import cache
 from math import floor
 
 import numpy as np
@@ -18,7 +19,7 @@ from ronnaplan.robot.placement.clearances import posture_margins, standing_on
 from ronnaplan.robot.placement.job import Job
 from ronnaplan.robot.placement.machine import FREE, Machine, machine_of
 from ronnaplan.robot.placement.near import nearest_mm, what_comes_near
-from ronnaplan.robot.placement.placement import COARSE, check_parked, find_places
+from ronnaplan.robot.placement.placement import COARSE, Place, check_parked, find_places
 from ronnaplan.robot.placement.room import Capsule, Room, Tool, base_pose
 from ronnaplan.transforms import transform_points
 from tests.long import few_and_others
@@ -137,10 +138,16 @@ def test_a_posture_in_which_an_instrument_overlaps_the_wrist_is_a_collision_thou
     assert told_so == "the instrument would meet forearm from here"
 
 
+@cache
+def found(seed: int) -> tuple[Machine, tuple[Place, ...]]:
+    """Return the machine of a random job, and the places that are found for it."""
+    given = job(seed, 1, 0, floor=WIDE)
+    return machine_of(given.arm, given.room), find_places(given).places
+
+
 @few_and_others("seed", [3], [5])
 def test_no_place_that_is_found_has_the_tool_overlap_the_wrist(seed: int) -> None:
-    given = job(seed, 1, 0, floor=WIDE)
-    machine, places = machine_of(given.arm, given.room), find_places(given).places
+    machine, places = found(seed)
     assert places
     kept = machine.kept[machine.tool_from : -1, : machine.tool_from] != FREE
     for place in places:
@@ -151,8 +158,7 @@ def test_no_place_that_is_found_has_the_tool_overlap_the_wrist(seed: int) -> Non
 
 @pytest.mark.parametrize(("seed", "is_near"), [(0, False), (3, True)])
 def test_each_place_that_is_found_tells_it(seed: int, is_near: bool) -> None:
-    given = job(seed, 1, 0, floor=WIDE)
-    machine, places = machine_of(given.arm, given.room), find_places(given).places
+    machine, places = found(seed)
     assert places
     for place in places:
         postures = np.concatenate(
