@@ -34,7 +34,6 @@ from ronnaplan.robot.stereo.images import read_pairs
 from ronnaplan.robot.stereo.markers import in_rig
 from ronnaplan.tracking import find_markers, read_recording
 from tests import cases
-from tests.long import few_and_others
 from tests.robot.stereo.boards import find_once
 from tests.robot.test_pivot import recording
 
@@ -548,11 +547,8 @@ def test_a_resting_pose_that_was_misread_is_refused_as_such(
     assert not (tmp_path / "chain.json").exists()
 
 
-@few_and_others(
-    ("whose", "unit", "length_mm"),
-    [("tracker", "cm", 10.0), ("robot", "inches", 25.4), ("robot", "tenths of a mm", 0.1)],
-    [("robot", "cm", 10.0), ("tracker", "inches", 25.4), ("tracker", "tenths of a mm", 0.1)],
-)
+@pytest.mark.parametrize(("unit", "length_mm"), [("cm", 10.0), ("inches", 25.4), ("tenths of a mm", 0.1)])
+@pytest.mark.parametrize("whose", ["tracker", "robot"])
 def test_a_tool_at_rest_in_another_unit_is_refused(
     whose: str, unit: str, length_mm: float, home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -34,7 +34,7 @@ def test_the_skull_has_two_dense_tables_with_diploe_between() -> None:
 
 
 def test_markers_stand_on_the_same_scalp() -> None:
-    for direction in np.random.default_rng(2).standard_normal((20, 3)):
+    for direction in np.random.default_rng(2).standard_normal((50, 3)):
         direction[2] = abs(direction[2]) + 0.4
         foot = scalp_foot(direction)
         for scene in (head(), BODY):

@@ -14,7 +14,7 @@ def parse(*arguments: str) -> Any:
     return parser.parse_args(arguments)
 
 
-def test_the_simulation_prints_its_tables_and_keeps_progress_off_standard_output(
+def test_the_simulation_writes_and_prints_its_results_and_keeps_progress_off_standard_output(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments = parse(
@@ -25,6 +25,8 @@ def test_the_simulation_prints_its_tables_and_keeps_progress_off_standard_output
     assert "| 8 | 4 |" in output.out
     assert "block" not in output.out
     assert "90/90" in output.err
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names == {"journal.jsonl", "results.json", "table.md", "outcomes.png", "calibration.png"}
 
 
 def test_a_folder_that_is_a_file_is_told(tmp_path: Path) -> None:
