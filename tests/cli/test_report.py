@@ -41,6 +41,7 @@ def test_the_head_is_shown_and_where_it_cannot_be_made_the_report_is_written_wit
         raise InputError("3-D surfaces need pyvista; install ronnaplan[scene]")
 
     monkeypatch.setattr("ronnaplan.report.overview.view_of", none_here)
+    (tmp_path / "plan.json").unlink()  # what is drawn of paths takes long, too
     capsys.readouterr()
     assert main([*ask, "--paper", "Letter"]) == 0
     assert "the report shows no head in 3-D: 3-D surfaces need pyvista" in capsys.readouterr().err

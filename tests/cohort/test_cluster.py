@@ -23,6 +23,9 @@ from tests.cohort.scans import tiny
 
 pytestmark = pytest.mark.usefixtures("log")
 
+HERE: dict[str, Any] = {"host": "127.0.0.1", "protocol": "tcp://", "processes": False, "dashboard_address": None}
+"""A cluster within this process, reached as one elsewhere is."""
+
 
 def test_a_cluster_gives_the_same_table_and_a_lost_or_absent_scheduler_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, log: Path
@@ -33,9 +36,8 @@ def test_a_cluster_gives_the_same_table_and_a_lost_or_absent_scheduler_is_told(
         tiny(tmp_path / "in", str(name))
     rules = Rules(rule=(RULE,))
     given = [str(tmp_path / "in")]
-    with LocalCluster(
-        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, processes=True
-    ) as cluster:
+    # Where workers are processes of their own, test_killed.py compares the tables.
+    with LocalCluster(n_workers=2, threads_per_worker=1, **HERE) as cluster:
         counts = run_cohort(given, tmp_path / "out", rules, scheduler=cluster.scheduler_address, module=FAKE)
     assert (counts.worked, counts.done) == (4, 4)
     assert set(begun(log).values()) == {1}
@@ -67,8 +69,7 @@ def test_a_cluster_without_workers_is_told_of_once_each_time_and_the_run_goes_on
             assert time.monotonic() < last
             time.sleep(0.02)
 
-    here = {"host": "127.0.0.1", "protocol": "tcp://", "processes": False, "dashboard_address": None}
-    with LocalCluster(n_workers=0, threads_per_worker=1, **here) as cluster, ThreadPoolExecutor(1) as pool:
+    with LocalCluster(n_workers=0, threads_per_worker=1, **HERE) as cluster, ThreadPoolExecutor(1) as pool:
         given = [str(tmp_path / "in")], tmp_path / "out", Rules(rule=(RULE,))
         ended = pool.submit(run_cohort, *given, scheduler=cluster.scheduler_address, module=FAKE)
         for count, workers in enumerate((1, 0, 1), start=1):
