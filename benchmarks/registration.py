@@ -27,10 +27,9 @@ from ronnaplan.registration import (
     register_points,
 )
 from ronnaplan.registration.covariances import combined_covariances
-from ronnaplan.registration.flags import MISFIT_PROBABILITY
 from ronnaplan.report.tables import align
 from ronnaplan.rigid import COLLINEARITY_TOLERANCE, fit_closed_form, fit_likelihood
-from ronnaplan.sigmas import SIGMA_OTS_MM
+from ronnaplan.sigmas import MISFIT_PROBABILITY, SIGMA_OTS_MM
 from ronnaplan.transforms import transform_points
 
 READING_MM = SIGMA_OTS_MM

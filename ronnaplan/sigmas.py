@@ -1,6 +1,6 @@
 """The errors that are assumed where none are stated, and the largest that is accepted, in this one place.
 
-Standard deviations per axis.
+Standard deviations per axis; and when residuals contradict what was stated.
 
 Nothing is imported here, so that the command line can name them in its help at once.
 """
@@ -29,6 +29,9 @@ SIGMA_LAMP_DEG = 0.02
 SIGMA_SQUARE = 1e-4
 """Error of the side of a calibration board's squares, as a part of it: 0.01 mm in 100 mm, as boards on glass or metal
 are made to. A board that was printed or measured by a ruler is off by 0.001 and more, which no image shows."""
+
+MISFIT_PROBABILITY = 0.001
+"""Residuals that errors as stated would leave more rarely than this are called a misfit."""
 
 LARGEST_STATED_MM = 0.012
 """A center that two cameras find with a larger stated error (RMS) is refused. Few err by 0.02 mm."""

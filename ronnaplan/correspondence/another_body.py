@@ -42,7 +42,7 @@ def best_body(problem: Problem, partner: IntArray, gate_chi2: float) -> tuple[in
         return pairings_left(
             problem.ct,
             problem.ots,
-            *problem.pair_weights(),
+            *problem.pair_weights,
             *residual_priors(problem.counts),
             problem.volume_mm3,
             partner.astype(np.int16),

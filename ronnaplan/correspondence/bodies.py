@@ -10,12 +10,12 @@ import numpy as np
 from ronnaplan.correspondence.chance import Chance
 from ronnaplan.correspondence.evidence import fits_as_well
 from ronnaplan.correspondence.exact import in_volume, not_by_chance, search
-from ronnaplan.correspondence.pairing import IntArray, no_pairs
+from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.poses import SUCCESS_SIZES, Found, find_poses, work_allowed
 from ronnaplan.correspondence.priors import size_priors
 from ronnaplan.correspondence.problem import Problem
 from ronnaplan.correspondence.rivals import BODY_NATS, LEAST_REGULAR, LOG_ODDS_PER_PAIR, RIGID_GATE_CHI2
-from ronnaplan.correspondence.told import LEAST_PAIRS, Told
+from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.correspondence.weighing import PairedPose, is_alike, left_by, weigh_pairs
 from ronnaplan.geometry import FloatArray
 from ronnaplan.rigid import freedom
@@ -70,17 +70,16 @@ def odds_of_body_beside(problem: Problem, poses: list[PairedPose], of_pairs: Flo
     i, j, least = points_left(problem, poses[0], of_pairs)
     if size >= SUCCESS_SIZES[0] or not 0 < len(i) * len(j) <= MOST_BESIDE:
         return 0.0
-    constants, background = size_priors((len(i), len(j)), Told())
-    constants = in_volume(constants, problem.volume_mm3)
+    rest = problem.only(i, j)
+    constants, background = size_priors(rest.counts, rest.told)
+    constants = in_volume(constants, rest.volume_mm3)
     constants[:least] = -math.inf
-    weight, value = (pairs[np.ix_(i, j)] for pairs in problem.pair_weights())
     log_evidence, _, partners, _ = search(
-        problem.ct[i],
-        problem.ots[j],
-        weight,
-        value,
+        rest.ct,
+        rest.ots,
+        *rest.pair_weights,
         constants,
-        no_pairs(),
+        rest.known,
         math.inf,
         BODY_NATS,
         background,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.correspondence.inputs import ErrorModel
-from ronnaplan.correspondence.pairing import IntArray
+from ronnaplan.correspondence.pairing import IntArray, no_pairs
 from ronnaplan.correspondence.told import Told
 from ronnaplan.geometry import MIRROR, FloatArray
 from ronnaplan.rigid import fit_closed_form
@@ -94,15 +94,16 @@ class Problem:
             ct_errors=self.ct_errors.of(i),
             ots_errors=self.ots_errors.of(j),
             told=Told(),
-            known=np.zeros((0, 2), dtype=np.int64),
+            known=no_pairs(),
         )
 
     def with_errors(self, scale: float) -> Problem:
         """Return the problem with errors so many times as large."""
         return replace(self, ct_errors=self.ct_errors.scaled(scale), ots_errors=self.ots_errors.scaled(scale))
 
+    @cached_property
     def pair_weights(self) -> tuple[FloatArray, FloatArray]:
-        """Return 1/variance (n, m) of each possible pair and its share -1/2 ln det C of the log evidence.
+        """1/variance (n, m) of each possible pair, and its share (n, m), -1/2 ln det C, of the log evidence.
 
         For anisotropic errors both bound the evidence from above: the largest variance of each point, and
         Minkowski's inequality det(A + B)^(1/3) >= det(A)^(1/3) + det(B)^(1/3) in whatever way A and B are turned.
@@ -135,7 +136,7 @@ def moved_pairs(problem: Problem, partner: IntArray) -> IntArray:
     pairs = pairs_of(partner)
     i, j = (np.setdiff1d(np.arange(count), pairs[:, axis]) for axis, count in enumerate(problem.counts))
     if len(i) == 0 or len(j) == 0:
-        return np.zeros((0, 2), dtype=np.int64)
+        return no_pairs()
     chance_mm = (CHANCE_NEIGHBOUR * problem.volume_mm3 / (4.0 / 3.0 * math.pi * len(i) * len(j))) ** (1.0 / 3.0)
     pose = fit_closed_form(problem.ct[pairs[:, 0]], problem.ots[pairs[:, 1]])
     gap = np.linalg.norm(transform_points(pose, problem.ct[i])[:, None] - problem.ots[j][None], axis=2)

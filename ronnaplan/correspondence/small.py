@@ -36,14 +36,11 @@ from ronnaplan.correspondence.strays import side_by_side, told_twice
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.geometry import FloatArray
 from ronnaplan.rigid import fit_probability
+from ronnaplan.sigmas import MISFIT_PROBABILITY
 
 MOST_ODDS_AGAINST_KNOWN = 100.0
 """Known pairs are not believed where pairings that contradict them are so many times as probable without them: about as
 rarely does a person point at the wrong marker."""
-
-ONE_BODY = 0.001
-"""A pairing is of one body where errors as stated leave residuals as large with at least this probability, as the
-registration's flag `MISFIT` has it."""
 
 ON_A_LINE = "the paired points lie on one line, so the rotation about it is unknown; add a marker off the line"
 WRONG_NUMBER = "{pairs} pairs fit but {told} are expected; check the markers or the expected number"
@@ -97,7 +94,7 @@ def weigh_all(problem: Problem) -> Weighed | None:
     log_evidence, chi2, listed, complete = search(
         problem.ct,
         problem.ots,
-        *problem.pair_weights(),
+        *problem.pair_weights,
         constants,
         problem.known,
         problem.spread_mm,
@@ -162,7 +159,7 @@ def decide(problem: Problem, weighed: Weighed, least_probability: float) -> Pair
 
 def odds_of_another_order(problem: Problem, weighed: Weighed) -> float:
     """Return the odds, to the best pairing, of one that pairs regular markers in another order."""
-    weight, _ = problem.pair_weights()
+    weight, _ = problem.pair_weights
     return regular_odds(
         problem.ct,
         problem.ots,
@@ -242,11 +239,11 @@ def odds_beside_core(problem: Problem, weighed: Weighed, dropped: NDArray[np.boo
 
     What is left out for want of certainty is the patient's if errors are so large, and otherwise another body, or
     markers that moved each by itself, which are no body: its distances agree with errors as stated.  Where those of all
-    do, the best pairing is one body.
+    do (`MISFIT_PROBABILITY`), the best pairing is one body.
     """
     core = np.where(dropped, -1, weighed.partners[0])
     size = int((weighed.partners[0] >= 0).sum())
-    if not dropped.any() or fit_probability(float(weighed.chi2[0]), size) > ONE_BODY:
+    if not dropped.any() or fit_probability(float(weighed.chi2[0]), size) > MISFIT_PROBABILITY:
         return 0.0
     return odds_of_another_body(problem, core, RIGID_GATE_CHI2)
 
@@ -258,7 +255,7 @@ def is_mirrored(problem: Problem, weighed: Weighed) -> bool:
     if not mirror_is_better(
         problem.ct,
         problem.ots,
-        *problem.pair_weights(),
+        *problem.pair_weights,
         weighed.constants,
         problem.known,
         problem.spread_mm,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ronnaplan.documents.registration import RegistrationDocument
-from ronnaplan.registration.flags import MISFIT_PROBABILITY
 from ronnaplan.registration.radius import radius_95_mm
+from ronnaplan.sigmas import MISFIT_PROBABILITY
 from ronnaplan.text import chance, columns, filled
 
 FRE_WARNING = (

@@ -9,9 +9,9 @@ import numpy as np
 from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray
 from ronnaplan.registration.covariances import SMALLEST_VARIANCE_MM2, combined_covariances
-from ronnaplan.registration.flags import MISFIT_PROBABILITY
 from ronnaplan.registration.registration import Registration
 from ronnaplan.rigid import fit_closed_form, fit_likelihood, freedom, pose_covariance, spans_a_plane
+from ronnaplan.sigmas import MISFIT_PROBABILITY
 from ronnaplan.transforms import point_jacobian, transform_points
 
 A_STRETCH = "a stretch of one side"

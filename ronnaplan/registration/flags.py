@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-MISFIT_PROBABILITY = 0.001
-"""Residuals that errors as stated would produce more rarely than this are called a misfit."""
-
 LOOSE_ROTATION_DEG = 8.0
 """Standard deviation of a rotation above which the layout is flagged: 14 mm at 100 mm. The error of a fit is right
 within 2 % at 5 degrees and within 5 % at 10 (docs/registration.md); 8 is between."""

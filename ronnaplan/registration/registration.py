@@ -22,9 +22,10 @@ from ronnaplan.registration.covariances import (
     estimated_variance,
     fitted_pose_covariance,
 )
-from ronnaplan.registration.flags import LOOSE_ROTATION_DEG, MIRROR_GAIN, MISFIT_PROBABILITY, RegistrationFlag
+from ronnaplan.registration.flags import LOOSE_ROTATION_DEG, MIRROR_GAIN, RegistrationFlag
 from ronnaplan.registration.stretch import explaining_stretch
 from ronnaplan.rigid import fit_closed_form, fit_likelihood, fit_probability, fre_rms_mm, freedom, require_spread
+from ronnaplan.sigmas import MISFIT_PROBABILITY
 from ronnaplan.transforms import invert, point_jacobian, rotation_sd_deg, transform_points
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.registration.drift import DRIFT_PROBABILITY
-from ronnaplan.registration.flags import MISFIT_PROBABILITY
 from ronnaplan.registration.registration import Registration
+from ronnaplan.sigmas import MISFIT_PROBABILITY
 from ronnaplan.transforms import point_jacobian, transform_points
 
 FEWEST_FOR_SHIFT = 2
