@@ -69,6 +69,16 @@ AS_WELL_SIGMAS = 3.7
 """A rival fits as well as the best where its residuals would be as large in more than 1 in 10,000 cases."""
 
 
+LARGEST_LOG_ODDS = 700.0
+"""Odds of a larger logarithm are as good as endless: the exponential of 710 is beyond all numbers."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def odds_from_log(log_odds: float) -> float:
+    """Return the odds of this logarithm, up to `LARGEST_LOG_ODDS`."""
+    return math.exp(min(log_odds, LARGEST_LOG_ODDS))
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def filled_volume(ct: FloatArray, ots: FloatArray) -> float:
     """Return the volume of a filled ball as spread as points (n, 3) and (m, 3) are, the two sets' geometric mean."""

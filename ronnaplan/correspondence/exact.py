@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
-from ronnaplan.correspondence.evidence import fit, log_misfit
+from ronnaplan.correspondence.evidence import fit, log_misfit, odds_from_log
 from ronnaplan.correspondence.graph import consistency_graph, count_rows, pop_first
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.told import LEAST_PAIRS
@@ -196,7 +196,7 @@ def best_of(log_evidence: FloatArray, background: float) -> tuple[int, float]:
     if len(log_evidence) == 0:
         return -1, 0.0
     best = int(np.argmax(log_evidence))
-    total = math.exp(min(background - log_evidence[best], 700.0))
+    total = odds_from_log(background - log_evidence[best])
     for a in range(len(log_evidence)):
         total += math.exp(log_evidence[a] - log_evidence[best])
     return best, 1.0 / total
@@ -205,4 +205,4 @@ def best_of(log_evidence: FloatArray, background: float) -> tuple[int, float]:
 @njit(cache=True, nogil=True, error_model="numpy")
 def not_by_chance(log_evidence: float, background: float) -> float:
     """Return the probability that pairs of such evidence do not meet by chance, which has that of the background."""
-    return 1.0 / (1.0 + math.exp(min(background - log_evidence, 700.0)))
+    return 1.0 / (1.0 + odds_from_log(background - log_evidence))

@@ -18,7 +18,7 @@ from ronnaplan.correspondence.bodies import (
 )
 from ronnaplan.correspondence.chance import Chance
 from ronnaplan.correspondence.collinear import LEAST_OFF_LINE, off_one_line
-from ronnaplan.correspondence.evidence import AS_WELL_SIGMAS, LEAST_SCALE, SCALES
+from ronnaplan.correspondence.evidence import AS_WELL_SIGMAS, LEAST_SCALE, SCALES, odds_from_log
 from ronnaplan.correspondence.lookup import point_grid
 from ronnaplan.correspondence.pairing import (
     LEFT_HANDED,
@@ -131,7 +131,7 @@ def weighed(views: list[Found], least_probability: float) -> tuple[Pairing, Floa
         max(odds_of_bodies(view, best) for view in views),
         odds_of_body_beside(found.chance.problem, found.poses, of_pairs),
         found.missed,
-        math.exp(min(-best.log_evidence, 700.0)),
+        odds_from_log(-best.log_evidence),
     )
     if doubts.probability < least_probability:
         return doubted(found, doubts, of_pairs, least_probability), of_pairs
@@ -189,7 +189,7 @@ def odds_of_turn(problem: Problem, given: IntArray) -> float:
     partner[given[:, 0]] = given[:, 1]
     of_all = weigh_pairs(problem, partner)[1]
     partner[given[off, 0]] = -1
-    return math.exp(min(of_all - weigh_pairs(problem, partner)[1], 700.0))
+    return odds_from_log(of_all - weigh_pairs(problem, partner)[1])
 
 
 def rivals_of(poses: list[PairedPose]) -> tuple[Rival, ...]:

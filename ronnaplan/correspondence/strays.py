@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.correspondence.densities import BESIDE_SIGMAS, ROUNDS, Densities, density
-from ronnaplan.correspondence.evidence import LEAST_SCALE, SCALES
+from ronnaplan.correspondence.evidence import LEAST_SCALE, SCALES, odds_from_log
 from ronnaplan.correspondence.pairing import IntArray
 from ronnaplan.correspondence.problem import Problem, pairs_of
 from ronnaplan.correspondence.refining import PAIR_SIGMAS, lie_beside
@@ -63,7 +63,7 @@ def stray_densities(densities: Densities, share: FloatArray, outliers: FloatArra
                 seen += 0.5 * min(both, 2.0 - both)  # of two that compete for a partner one is none
         by_chance = seen * math.log(expected) - expected - math.lgamma(seen + 1.0)
         of_markers = seen * math.log(markers) - (seen + 1.0) * math.log(markers + 1.0)
-        real = 1.0 / (1.0 + math.exp(min(by_chance - of_markers, 700.0)) * (1.0 - STRAYS_PRIOR) / STRAYS_PRIOR)
+        real = 1.0 / (1.0 + odds_from_log(by_chance - of_markers) * (1.0 - STRAYS_PRIOR) / STRAYS_PRIOR)
         # The one that nobody has seen yet lies anywhere within the reach of pairs.
         one_more = min(BESIDE_SIGMAS[step] / BESIDE_SIGMAS[WIDEST], 1.0) ** 3
         rate = real * (max(seen - expected, 0.0) + one_more) / (markers + 1.0)
