@@ -27,7 +27,7 @@ by up to this factor (squared), as on balls lit from aside whose brightness does
 SHADOWED = 2.5
 """Where errors are larger than noise by this factor (squared), the light is not in the model: it moves the center more
 than it waves the outline, and may end in the sphere's own shadow."""
-RIM_EXCESS, LARGEST_GAP = 8.0, 0.35
+RIM_EXCESS, MOST_UNSEEN = 8.0, 0.35
 """A part of a ball is believed where errors are larger than noise by less than the first (squared), which is counted,
 and where so much of the outline in a row is seen at most by nothing: of half a ball it is more, of cables less."""
 QUARTER = 0.26
@@ -62,12 +62,12 @@ def judge(found: ShadedSphere) -> Judged | None:
     return Judged(kept, excess * min(max(excess / SHADOWED, 1.0), LARGEST_FIRST_WAVE))
 
 
-def is_clean(told: Judged, largest_gap: float = LARGEST_GAP) -> bool:
-    """Tell whether a part of a ball shows hardly more than noise, nearly all around it but for one ``largest_gap``."""
-    return told.excess < RIM_EXCESS and _largest_gap(told.kept) < largest_gap
+def is_clean(told: Judged, most_unseen: float = MOST_UNSEEN) -> bool:
+    """Tell whether a part of a ball shows hardly more than noise, all around it but for ``most_unseen`` in a row."""
+    return told.excess < RIM_EXCESS and _unseen_in_a_row(told.kept) < most_unseen
 
 
-def _largest_gap(kept: Flags) -> float:
+def _unseen_in_a_row(kept: Flags) -> float:
     """Return the longest part of an outline in a row, as a share of it, of which no sector (S) is ``kept``."""
     seen = np.flatnonzero(kept)
     return float(np.diff(seen, append=seen[0] + len(kept)).max() - 1) / len(kept)

@@ -29,7 +29,6 @@ from ronnaplan.robot.stereo.calibration_fit import (
     Fit,
     fields_of,
     shown_by,
-    told_by,
 )
 from ronnaplan.robot.stereo.camera import Boards, Camera, StereoRig
 
@@ -94,7 +93,7 @@ def errors_of(rig: StereoRig) -> CalibrationErrors | None:
         return None
     grid = grid_mm(boards.corners, boards.square_mm)  # slopes are those of the flat board to first order
     unknown = np.zeros((len(boards.rig_from_board), 2, len(grid), 2))
-    told = told_by(Fit((rig.left, rig.right), boards.corners, grid, boards.rig_from_board, unknown))
+    told = Fit((rig.left, rig.right), boards.corners, grid, boards.rig_from_board, unknown).told
     noise = boards.error_px**2 * told.inverse[:CAMERAS, :CAMERAS]
     scaled = _scaled(rig, boards.rig_from_board @ np.append(grid.mean(axis=0), 1.0)) * boards.sigma_square
     sds = np.where(IS_PRISM, 1.0, boards.lens_px / np.sqrt(len(ORDERS)))
@@ -146,7 +145,7 @@ def judged(fit: Fit, square_mm: float, sigma_square: float) -> Boards:
     How large the fields are by which the lenses bend otherwise is that at which they explain as much of the residuals
     as they do, and one standard error of that more.
     """
-    told = told_by(fit)
+    told = fit.told
     lens, lens_misfit = told.lens[np.ix_(~IS_PRISM, ~IS_PRISM)], told.lens_misfit[~IS_PRISM]
     values, axes = np.linalg.eigh(lens)
     is_told = values > UNTOLD * values[-1]

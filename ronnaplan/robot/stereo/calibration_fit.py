@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -71,13 +72,34 @@ class Fit:
     """(N, 4, 4)."""
     residuals_px: FloatArray
     """(N, 2, K, 2): what was seen, less what is modelled."""
-    settled: bool = True
-    """Whether a further step would move nothing."""
 
     @property
     def rms_px(self) -> float:
         """RMS distance of the corners from their modelled places."""
         return float(np.sqrt((self.residuals_px**2).sum(axis=-1).mean()))
+
+    @property
+    def settled(self) -> bool:
+        """Whether a further step would move nothing."""
+        return self.told.moved_px < FITTED_PX
+
+    @property
+    def sums_by_board(self) -> FloatArray:
+        """Each board's sums (N, P + 2 F + 1) both ways, of what is fitted, the fields and the residuals.
+
+        They are of what is left once the board is where it fits best; the sum over all is what `told` solves.
+        """
+        return np.array([own for own, _ in self._of_boards])
+
+    @cached_property
+    def told(self) -> Told:
+        """What the boards tell of both cameras and their own shape."""
+        return _told_by(self)
+
+    @cached_property
+    def _of_boards(self) -> list[tuple[FloatArray, FloatArray]]:
+        """What `_told_of_board` says of each."""
+        return [_told_of_board(self, n) for n in range(len(self.rig_from_board))]
 
 
 def fitted(
@@ -95,22 +117,18 @@ def fitted(
         placed = [_placed(cameras, pair, grid) for pair in seen]
         places, residuals = (np.array(one) for one in zip(*placed, strict=True))
         fit = Fit(cameras, corners, grid, places, residuals)
-        told = told_by(fit)
-        settled = told.moved_px < FITTED_PX
-        if settled or step == STEPS - 1:
+        if fit.settled or step == STEPS - 1:
             break
-        left, right = (_stepped(one, told.step[FREE * k :][:FREE]) for k, one in enumerate(cameras))
+        left, right = (_stepped(one, fit.told.step[FREE * k :][:FREE]) for k, one in enumerate(cameras))
         rig = invert(left.rig_from_camera)
         cameras = _carried(left, rig), _carried(right, rig)
-        grid = grid + shapes(corners) @ told.step[CAMERAS:]
-    return replace(fit, settled=settled)
+        grid = grid + shapes(corners) @ fit.told.step[CAMERAS:]
+    return fit
 
 
-def told_by(fit: Fit) -> Told:
-    """Return what the boards of ``fit`` tell of both cameras and their own shape."""
-    by_board = [_told_of_board(fit, n) for n in range(len(fit.rig_from_board))]
-    total = np.sum([own for own, _ in by_board], axis=0)
-    held = np.sum([moves for _, moves in by_board], axis=0)
+def _told_by(fit: Fit) -> Told:
+    total = np.sum(fit.sums_by_board, axis=0)
+    held = np.sum([moves for _, moves in fit._of_boards], axis=0)
     count = len(total) - 2 * FIELDS - 1
     inverse = _held_inverse(total[:count, :count], held[:, :count])
     followed = inverse @ total[:count, count:]
@@ -123,14 +141,6 @@ def told_by(fit: Fit) -> Told:
     return Told(
         inverse, followed[:, :-1], step, left[:-1, :-1], left[:-1, -1], float(left[-1, -1]), moved_px, free
     )
-
-
-def sums_by_board(fit: Fit) -> FloatArray:
-    """Return each board's sums (N, P + 2 F + 1) both ways, of what is fitted, the fields and the residuals.
-
-    They are of what is left once the board is where it fits best; the sum over all is what `told_by` solves.
-    """
-    return np.array([_told_of_board(fit, n)[0] for n in range(len(fit.rig_from_board))])
 
 
 def _told_of_board(fit: Fit, number: int) -> tuple[FloatArray, FloatArray]:

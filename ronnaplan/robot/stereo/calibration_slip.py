@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ronnaplan.errors import RefusedError
-from ronnaplan.robot.stereo.calibration_fit import CAMERAS, Fit, sums_by_board
+from ronnaplan.robot.stereo.calibration_fit import CAMERAS, Fit
 
 FALSE_ALARMS = 1e-4
 """Probability, over all slips and the drift together, that one is told of cameras whose corners have noise only."""
@@ -56,7 +56,7 @@ def likeliest_slip(fit: Fit) -> Slip:
     """Return the slip, or drift, that explains most of what is left of the boards' corners, in their order."""
     from scipy.special import betainc
 
-    sums = sums_by_board(fit)
+    sums = fit.sums_by_board
     count = len(sums)
     shares = np.vstack([np.tri(count, count - 1, -1).T, np.linspace(0.0, 1.0, count)])
     total = sums.sum(axis=0)
