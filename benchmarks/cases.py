@@ -85,7 +85,6 @@ WHOLE = (*CONDITIONS, ONE_ROW)
 SEED_STEP = 20
 """Each condition has patients of its own: the seeds of its patients are so far apart; no scene has as many things."""
 
-
 PROTOCOLS = (
     Condition("axial", 0.015, 0.060),
     Condition("axial very soft", 0.015, 0.060),

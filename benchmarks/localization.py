@@ -60,7 +60,6 @@ STUDIED = {"accuracy": WHOLE, "rendered": CONDITIONS, "protocols": PROTOCOLS}
 BARE_SCANS = 5
 """Heads without markers that are searched, one for each kind of marker."""
 
-
 Scans = Callable[[Condition, int], Iterable[Case]]
 """Yields the scans of a condition's patient, by its number."""
 

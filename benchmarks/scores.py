@@ -105,7 +105,11 @@ class Score:
 
 
 def markers_of(cases: Sequence[Case], build: Build = SOLID) -> list[list[Examined]]:
-    """Return what `localize` finds in each part of one scan, its uncertainty as in the whole."""
+    """Return what `localize` finds in each part of one scan, its uncertainty as in the whole.
+
+    But for what it takes a whole scan to tell: slices whose tag is far off (`thick`), metal that was cut off before
+    the scan was resampled (`cut_before`), and another size of clipped markers (`together.with_doubted_sizes`).
+    """
     scans = [Scan.of(case.volume) for case in cases]
     if any(scan.volume is case.volume for scan, case in zip(scans, cases, strict=True)):
         # a part has slices that are not recognized: so has the whole
