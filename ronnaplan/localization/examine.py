@@ -1,4 +1,4 @@
-"""From candidates to judged fits: the middle of the pipeline, for one diameter."""
+"""From a scan to its candidates, each fitted and judged by itself: the middle of the pipeline."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def examine_places(
         return list(advancing(fits, len(wanted), progress, f"fitting balls of {sizes} mm"))
 
 
-def places_for(scan: Scan, diameter_mm: float, build: Build = SOLID) -> list[FloatArray]:
+def places_for(scan: Scan, diameter_mm: float, build: Build) -> list[FloatArray]:
     """Return the places (3,) of ``scan`` at which a ball of ``diameter_mm`` is worth a fit, strongest first."""
     seen = detect(scan.volume, diameter_mm)
     shares = surface_shares(scan.volume, seen, diameter_mm, build, scan.thickness_mm(seen), MIN_COVERAGE)

@@ -7,10 +7,10 @@
    and a socket's rim (`rim`) do to its image is made good.
    All of that is done again where slices are far thicker than the header says (`thick`), where rays were summed before
    the logarithm was taken (`logarithm`), or where slices blur aslant (`slant`).
-3. What was turned down only for what is usual in the scan is judged again (`by_the_usual`), and metal that was cut off
+3. What was turned down only for what is usual in the scan is judged again (`usual`), and metal that was cut off
    before the scan was resampled is fitted anew (`cut_before`).
-4. What is unlike the scan's other markers is turned down (`usual`).
-5. Each marker's covariance counts what is usual in the scan (`together`), and motion is suspected (`moved`).
+4. What is unlike the scan's other markers is turned down (`usual`, too).
+5. Each marker's covariance counts what is usual in the scan (`together`), and motion is suspected (`moving`).
 6. Markers are numbered from the top; another number than expected is refused. Markers that are alike ellipsoids tell
    that the scan's geometry may be wrong; where few are found, or all are of another size, candidates (`stretched`).
 
@@ -86,21 +86,13 @@ def localize(
     check_type(template, (Template, type(None)), "the template", "documents.read_template returns one")
     check_type(marker, Build, "the marker", "Build.parse('shell:1') returns one")
     diameters = check_request(diameter_mm, expected, marker)
-    again = partial(examine_places, build=marker)
     with ThreadPoolExecutor(1) as beside:
         # To say which scan it is takes half as long as to find its markers.
         beside.submit(lambda: volume.voxel_sha256)
         scan, examined = _examined(volume, diameters, marker, progress)
-    (examined,) = by_the_usual([(scan, examined)], marker)
-    scan, examined = as_cut_before(scan, examined, again)
-    judged = unlike_turned_down(markers_in(examined))
-    turned_down = [one for one in examined if not one.is_marker]
-    accepted = [one for one in judged if one.is_marker]
-    stated = with_usual_errors(scan, with_doubted_sizes(accepted, turned_down))
-    markers = sorted(stated, key=lambda one: tuple(-one.center_mm[::-1]))  # from the top of the head down
-    examined = [*turned_down, *judged]
+    scan, examined, markers = _told_together(scan, examined, marker)
     fiducials, rejected = _numbered(scan, markers), _rejected(examined, markers)
-    distorted = distortion(scan, examined, markers, again)
+    distorted = distortion(scan, examined, markers, partial(examine_places, build=marker))
     departure_mm = None
     if template is not None:
         fiducials, others, departure_mm = _by_template(template, fiducials, distorted)
@@ -148,6 +140,19 @@ def _examined(
     return (scan, examined) if turned is scan else (turned, examine(turned, diameters, marker, progress))
 
 
+def _told_together(
+    scan: Scan, examined: Sequence[Examined], marker: Build
+) -> tuple[Scan, list[Examined], list[Examined]]:
+    """Return the scan, its candidates, and its markers from the top of the head down, as all of them together tell."""
+    (examined,) = by_the_usual([(scan, examined)], marker)
+    scan, examined = as_cut_before(scan, examined, partial(examine_places, build=marker))
+    judged = unlike_turned_down(markers_in(examined))
+    turned_down = [one for one in examined if not one.is_marker]
+    accepted = [one for one in judged if one.is_marker]
+    stated = with_usual_errors(scan, with_doubted_sizes(accepted, turned_down))
+    return scan, [*turned_down, *judged], sorted(stated, key=lambda one: tuple(-one.center_mm[::-1]))
+
+
 def _by_template(
     template: Template, fiducials: list[Fiducial], distorted: str | None
 ) -> tuple[list[Fiducial], tuple[Rejected, ...], float]:
@@ -190,7 +195,7 @@ def require_count(
 
 
 def check_request(
-    diameter_mm: float | Sequence[float] | FloatArray, expected: int | None, marker: Build = SOLID
+    diameter_mm: float | Sequence[float] | FloatArray, expected: int | None, marker: Build
 ) -> tuple[float, ...]:
     """Return the diameters as a tuple; raise `UsageError` for diameters, walls or a number that no scan can have."""
     several = isinstance(diameter_mm, Sequence | np.ndarray) and not isinstance(diameter_mm, str)

@@ -83,7 +83,7 @@ def common_diameter(
 
 
 def common_sizes(
-    volume: CTVolume, expected: int | None = None, marker: Build = SOLID, *, progress: bool = False
+    volume: CTVolume, expected: int | None, marker: Build, *, progress: bool = False
 ) -> tuple[Size, ...]:
     """Return the kind that `common_diameter` goes by, and then the others of `MIN_MARKERS` balls that were seen.
 

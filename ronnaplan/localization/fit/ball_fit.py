@@ -107,7 +107,7 @@ class BallFit:
     @cached_property
     def _by_noise(self) -> FloatArray:
         """Covariance (P, P) of all parameters for noise of 1 HU."""
-        return _covariance(self.jacobian.take(np.flatnonzero(self.used), axis=0), self.prior)
+        return covariance_by(self.jacobian.take(np.flatnonzero(self.used), axis=0), self.prior)
 
     @cached_property
     def center_by_layer(self) -> FloatArray:
@@ -164,7 +164,7 @@ def fit_at(
         moves = np.zeros_like(around.offsets_mm)
         if converged:
             informed = jacobian.take(np.flatnonzero(used), axis=0)
-            moves[used] = informed @ _covariance(informed, prior)[:, CENTER]
+            moves[used] = informed @ covariance_by(informed, prior)[:, CENTER]
         shading = Shading(np.zeros(3), np.zeros(3), moves, residuals)
     return BallFit(
         neighbourhood=around,
@@ -182,6 +182,10 @@ def fit_at(
     )
 
 
-def _covariance(informed: FloatArray, prior: Prior) -> FloatArray:
-    """Covariance (P, P), for noise of 1 HU, by the Jacobian (N, P) of the voxels that informed a fit, and its prior."""
-    return inverse(informed.T @ informed + np.diag(prior.weight))
+def covariance_by(informed: FloatArray, prior: Prior) -> FloatArray:
+    """Covariance (Q, Q), for noise of 1 HU, by the Jacobian (N, Q) of the voxels that informed a fit, and its prior.
+
+    What its columns hold beyond the prior's P parameters is free to change with these.
+    """
+    free = np.zeros(informed.shape[1] - len(prior.weight))
+    return inverse(informed.T @ informed + np.diag(np.append(prior.weight, free)))

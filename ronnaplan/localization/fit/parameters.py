@@ -1,4 +1,10 @@
-"""The parameters of a fitted ball, ``theta``, by name: their order is that of every Jacobian and prior, too."""
+"""The parameters of a fitted ball, ``theta`` (P,), by name.
+
+Whatever takes or gives a ``theta`` means these: `PARAMETERS`, and after them those of `LAYER_PARAMETERS`,
+`STREAK_PARAMETERS` and `SKIN_PARAMETERS` that the ball needs, in this order, so that P, 13 to 20, tells which there are
+(`model.has_layer`, `has_streaks`, `has_skin`). Places are along u, v and w of the slices, in mm from the origin of the
+voxels that were fitted (`neighbourhood`). Jacobians (N, P) and priors (P,) have the same order.
+"""
 
 from __future__ import annotations
 

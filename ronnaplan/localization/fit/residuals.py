@@ -9,6 +9,9 @@ from ronnaplan.localization.fit.model import evaluate, leave_over
 from ronnaplan.localization.fit.neighbourhood import Neighbourhood
 from ronnaplan.localization.fit.parameters import CENTER, PARAMETERS
 
+ALIKE_VOXELS = 6.0
+"""Noise is alike in so many neighbouring voxels, which tell no more than one (5 to 12, by 230 balls of 60 scans)."""
+
 
 def residuals_and_jacobian(
     around: Neighbourhood, theta: FloatArray, layer_mm: float

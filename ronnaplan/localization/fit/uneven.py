@@ -11,8 +11,9 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.algebra import inverse
-from ronnaplan.localization.fit.ball_fit import BallFit
+from ronnaplan.localization.fit.ball_fit import BallFit, covariance_by
 from ronnaplan.localization.fit.parameters import CENTER, CONTRAST, RADIUS, WIDTH
+from ronnaplan.localization.fit.residuals import ALIKE_VOXELS
 
 LEAST_UNEVEN = 0.04
 """A filling is uneven where the contrast changes by more than this share of it from the center to the surface,
@@ -22,9 +23,6 @@ within the slices. Balls of one density beside a head showed 0.025 at most; unev
 STANDS_OUT = 6.0
 """... and by so many standard errors, for noise that is alike in `ALIKE_VOXELS` voxels. Along all axes balls of one
 density showed 5.4 at most, uneven ones 7.5 and more."""
-
-ALIKE_VOXELS = 6.0
-"""Noise is alike in so many neighbouring voxels, which tell no more than one."""
 
 WIDEST_SHARE = 0.5
 """A slice profile wider than this share of the radius hides how a ball is filled."""
@@ -44,7 +42,7 @@ def uneven_hu(fit: BallFit) -> FloatArray | None:
     along_hu = ball_hu[:, np.newaxis] * (fit.neighbourhood.offsets_mm - fit.theta[CENTER])
     used = np.flatnonzero(fit.used)
     informed, rest_hu = np.column_stack([fit.jacobian, along_hu]).take(used, axis=0), fit.unshaded_hu.take(used)
-    covariance = inverse(informed.T @ informed + np.diag([*fit.prior.weight, 0.0, 0.0, 0.0]))
+    covariance = covariance_by(informed, fit.prior)
     pull = informed.T @ rest_hu
     pull[:-3] = 0.0  # with an even ball the fit is at rest
     told = covariance @ pull

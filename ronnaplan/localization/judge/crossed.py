@@ -77,11 +77,10 @@ def without_the_screw(volume: CTVolume, fit: BallFit) -> BallFit:
 def untold_mm2(volume: CTVolume, fit: BallFit, touching: Beyond) -> FloatArray:
     """Covariance (3, 3) in LPS, mm^2, of the pull of a screw that leaves too few slices clear to tell it.
 
-    The fit is by the whole of a ball, of which ``touching`` is what `what_touches` it.
-
-    It makes what it crosses of a ball fainter. What that does to the center, the voxels' influence tells: much where
-    few thick slices hold a ball, whose edges tell less and whose levels tell more; nothing where both halves are
+    The screw makes what it crosses of a ball fainter. What that does to the center, the voxels' influence tells: much
+    where few thick slices hold a ball, whose edges tell less and whose levels tell more; nothing where both halves are
     crossed alike. It is stated of clipped balls of ceramic, too, which slices without the screw are not asked about.
+    ``fit`` is that of the whole ball, ``touching`` what `held.what_touches` tells of it.
     """
     is_asked = fit.by_part_mm2 is None and (is_plain(fit) or _is_clipped_ceramic(fit))
     crossed_mm = _crossed_mm(volume, fit, touching) if is_asked else None

@@ -26,14 +26,13 @@ from numpy.typing import NDArray
 from kernelcache import njit
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization.fit.algebra import inverse
-from ronnaplan.localization.fit.ball_fit import BallFit
+from ronnaplan.localization.fit.ball_fit import BallFit, covariance_by
 from ronnaplan.localization.fit.neighbourhood import first_of_each
 from ronnaplan.localization.fit.parameters import BACKGROUND, BLUR, CENTER, RADIUS, WIDTH, U, V, W
 from ronnaplan.localization.fit.refine import refit
+from ronnaplan.localization.fit.residuals import ALIKE_VOXELS
 from ronnaplan.localization.scanner.beside import VIEWS, Beside, all_beside
 from ronnaplan.localization.scanner.summed import (
-    ALIKE_VOXELS,
     WATER_PER_MM,
     chord_losses,
     kernel_passed,
@@ -165,7 +164,7 @@ def free_share(
     """
     is_measured = jacobian[:, BACKGROUND] != 0.0  # where the scale has ended nothing is
     informed = np.column_stack([jacobian, faded_hu * is_measured])
-    covariance = inverse(informed.T @ informed + np.diag([*fit.prior.weight, 0.0]))
+    covariance = covariance_by(informed, fit.prior)
     return float((covariance @ (informed.T @ rest_hu))[-1]), float(covariance[-1, -1])
 
 
@@ -247,6 +246,7 @@ def _kernel(theta: FloatArray, places_mm: FloatArray, across_mm: FloatArray) -> 
 
 
 def _slopes(values: FloatArray, step_mm: float) -> FloatArray:
+    """How ``values`` (..., S), at places ``step_mm`` apart, rise from each to the next (..., S), 1/mm."""
     slopes: FloatArray = np.gradient(values, step_mm, axis=-1)
     return slopes
 

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.scratch import one_by_one
 from ronnaplan.ct.volume import CTVolume, VolumeFlag, Voxels
 from ronnaplan.geometry import FloatArray
@@ -62,7 +63,7 @@ def without_copies(volume: CTVolume) -> tuple[CTVolume, FloatArray]:
 
 
 def _at(volume: CTVolume, axis: int, places: _Places) -> CTVolume:
-    """Return what lies at ``places`` along an axis of the voxels."""
+    """Return what lies at ``places`` along an axis of the voxels: of slices 0, of rows 1, of columns 2."""
     count, grid = volume.voxels_hu.shape[axis], volume.grid
     surely = 0.5 - (places.off + TIE) / places.step  # so near to its place what repeats it is its own
     n = np.arange(np.ceil(-places.first / places.step - surely), (count - 1 - places.first) / places.step + surely)
@@ -71,11 +72,12 @@ def _at(volume: CTVolume, axis: int, places: _Places) -> CTVolume:
     voxels_hu: Any = np.ascontiguousarray(np.take(volume.voxels_hu, nearest, axis=axis))
     if axis == 0:
         return replace(volume, voxels_hu=voxels_hu, grid=grid.at_slices(at))
-    step_mm = (grid.row_step_mm, grid.column_step_mm)[axis - 1]
-    moved = replace(grid, origins_mm=grid.origins_mm + at[0] * step_mm)
-    if axis == 1:
-        return replace(volume, voxels_hu=voxels_hu, grid=replace(moved, row_step_mm=places.step * step_mm))
-    return replace(volume, voxels_hu=voxels_hu, grid=replace(moved, column_step_mm=places.step * step_mm))
+    steps_mm = [grid.row_step_mm, grid.column_step_mm]
+    origins_mm = grid.origins_mm + at[0] * steps_mm[axis - 1]
+    steps_mm[axis - 1] = places.step * steps_mm[axis - 1]
+    row_step_mm, column_step_mm = steps_mm
+    kept = SliceGrid(origins_mm, row_step_mm, column_step_mm, grid.thickness_mm)
+    return replace(volume, voxels_hu=voxels_hu, grid=kept)
 
 
 def _places(voxels_hu: Voxels, axis: int) -> _Places | None:

@@ -36,7 +36,9 @@ class Slant:
 class Scan:
     """A volume with the facts about it that every fit needs.
 
-    What is made of a ``whole`` scan has its scale's end, but where it is taken to end ``ends_at_hu``.
+    ``slant`` is the slices' profile where that is not along their normal, ``summed`` how their rays were summed, and
+    ``unplaced_mm2`` (3, 3), in LPS, how far all of it may lie elsewhere. What is made of a ``whole`` scan has its
+    scale's end, but where that is taken to be at ``ends_at_hu``, and was computed and lies as that was.
     """
 
     def __init__(

@@ -46,9 +46,6 @@ scanner does above the second."""
 ANGLES, BESSEL_STEP = 192, 0.05
 """Bessel's function is a mean over so many directions, tabulated so closely; it is exact to 3e-4."""
 
-ALIKE_VOXELS = 6.0
-"""Noise is alike in so many neighbouring voxels, which tell no more than one (5 to 12, by 230 balls of 60 scans)."""
-
 NO_LOSS_HU = -850.0
 """What is below is air: its noise and its rounding would add up over a picture."""
 

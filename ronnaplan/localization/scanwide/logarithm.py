@@ -17,10 +17,10 @@ from ronnaplan.geometry import robust_spread
 from ronnaplan.localization.build import SOLID, Build
 from ronnaplan.localization.examine import LEAST_TOGETHER, Examined, distinct, fit_place
 from ronnaplan.localization.fit.parameters import WIDTH
-from ronnaplan.localization.fit.residuals import residuals_and_jacobian
+from ronnaplan.localization.fit.residuals import ALIKE_VOXELS, residuals_and_jacobian
 from ronnaplan.localization.scanner.hardened import MadeGood
 from ronnaplan.localization.scanner.scan import Scan
-from ronnaplan.localization.scanner.summed import ALIKE_VOXELS, Summed, lost_to_summing_hu
+from ronnaplan.localization.scanner.summed import Summed, lost_to_summing_hu
 from ronnaplan.threads import in_threads, single_threaded_algebra
 
 THICK_MM = 1.2
