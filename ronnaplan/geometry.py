@@ -227,6 +227,12 @@ def require_sigma(sigma_mm: float, name: str) -> None:
         )
 
 
+def mutual_distances(points: FloatArray) -> FloatArray:
+    """Return how far points (N, 3) are from each other (N, N)."""
+    apart: FloatArray = np.linalg.norm(points[:, np.newaxis] - points, axis=-1)
+    return apart
+
+
 def first_apart(points: FloatArray, least: FloatArray | float) -> list[int]:
     """Return which of ``points`` (N, 3), in order, lie no nearer than ``least`` to an earlier one that is kept.
 

@@ -31,7 +31,7 @@ from ronnaplan.documents.fields import (
 )
 from ronnaplan.documents.reading import made, read_document
 from ronnaplan.errors import check_type
-from ronnaplan.geometry import FloatArray, Frame, Points, rms_mm
+from ronnaplan.geometry import FloatArray, Frame, Points, mutual_distances, rms_mm
 from ronnaplan.localization.fiducials import UNSEEN_MOTION_MM, FiducialFlag, Fiducials
 from ronnaplan.text import counted, sizes
 
@@ -224,7 +224,7 @@ def _closest(centers_mm: FloatArray) -> tuple[float, int, int]:
         near_mm, near = (np.asarray(found) for found in KDTree(centers_mm).query(centers_mm, k=2))
         first = int(near_mm[:, 1].argmin())
         return float(near_mm[first, 1]), first, next(int(each) for each in near[first] if each != first)
-    distances_mm = np.linalg.norm(centers_mm[:, np.newaxis] - centers_mm, axis=-1)
+    distances_mm = mutual_distances(centers_mm)
     np.fill_diagonal(distances_mm, np.inf)
     first, other = divmod(int(distances_mm.argmin()), len(centers_mm))
     return float(distances_mm[first, other]), first, other

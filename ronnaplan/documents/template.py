@@ -18,7 +18,7 @@ from ronnaplan.documents.fields import (
 )
 from ronnaplan.documents.reading import made, read_document
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray, Frame, Points
+from ronnaplan.geometry import FloatArray, Frame, Points, mutual_distances
 from ronnaplan.localization import Template
 from ronnaplan.localization.template import DISTANCE_TOLERANCE_MM
 from ronnaplan.planning.template_layout import TemplateLayout
@@ -79,8 +79,7 @@ class TemplateDocument(DocumentModel):
         if self.distances:
             return Template(self.name, self.labels, np.array(self.distances), self.tolerance)
         centers = np.array(self.centers)
-        apart = np.linalg.norm(centers[:, np.newaxis] - centers, axis=-1)
-        return Template(self.name, self.labels, apart, self.tolerance, centers)
+        return Template(self.name, self.labels, mutual_distances(centers), self.tolerance, centers)
 
     def placed(self, frame: Frame, sigma_mm: float) -> Points:
         """Return the markers at their stated places in ``frame``, which err by ``sigma_mm`` per axis.

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ronnaplan.errors import InputError, RefusedError, check_type
-from ronnaplan.geometry import MIRROR, FloatArray, as_numbers, as_points
+from ronnaplan.geometry import MIRROR, FloatArray, as_numbers, as_points, mutual_distances
 from ronnaplan.localization.fiducials import Fiducial, Rejected
-from ronnaplan.rigid import fit_closed_form
+from ronnaplan.rigid import fit_closed_form, fre_rms_mm
 
 DISTANCE_TOLERANCE_MM = 0.5
 """Distances in CT and on the drawing agree within this, unless the template says otherwise. (Šuligoj et al. 2018
@@ -68,8 +68,7 @@ def match_template(
     its mirror image.
     """
     centers = np.array([one.center_mm for one in fiducials], dtype=np.float64).reshape(-1, 3)
-    distances = np.linalg.norm(centers[:, np.newaxis] - centers, axis=-1)
-    matches = list(_assignments(template, distances, ()))
+    matches = list(_assignments(template, mutual_distances(centers), ()))
     if len(matches) != 1:
         count = "none" if not matches else f"{len(matches)} choices"
         raise RefusedError(
@@ -95,8 +94,7 @@ def match_template(
 
 def distance_error_mm(template: Template, fiducials: Sequence[Fiducial]) -> float:
     """Return by how much the distances of a template's markers, in its order, depart from its own at most."""
-    centers = np.array([one.center_mm for one in fiducials])
-    distances = np.linalg.norm(centers[:, np.newaxis] - centers, axis=-1)
+    distances = mutual_distances(np.array([one.center_mm for one in fiducials]))
     return float(np.max(np.abs(distances - template.distances_mm)))
 
 
@@ -104,19 +102,15 @@ def _require_hand(template: Template, found_mm: FloatArray) -> None:
     """Raise `RefusedError` where the markers found (N, 3) are the mirror image of the template's places, if known."""
     if template.centers_mm is None:
         return
-    as_stated, mirrored = (_missed_mm(template.centers_mm * hand, found_mm) for hand in (1.0, MIRROR))
+    as_stated, mirrored = (
+        float(fre_rms_mm(fit_closed_form(places_mm, found_mm), places_mm, found_mm))
+        for places_mm in (template.centers_mm, template.centers_mm * MIRROR)
+    )
     if as_stated > max(template.tolerance_mm, 2.0 * mirrored):
         raise RefusedError(
             f"the markers found are the mirror image of template '{template.name}': it misses them by "
             f"{as_stated:.2f} mm RMS, its mirror image by {mirrored:.2f} mm; one of the two is left-handed, check which"
         )
-
-
-def _missed_mm(places_mm: FloatArray, found_mm: FloatArray) -> float:
-    """Return by how much ``places_mm`` (N, 3) miss ``found_mm``, moved onto them as a rigid body, RMS."""
-    moved = fit_closed_form(places_mm, found_mm)
-    residuals_mm = places_mm @ moved[:3, :3].T + moved[:3, 3] - found_mm
-    return float(np.sqrt(np.mean(np.sum(residuals_mm**2, axis=1))))
 
 
 def _assignments(template: Template, distances: FloatArray, chosen: tuple[int, ...]) -> Iterator[tuple[int, ...]]:

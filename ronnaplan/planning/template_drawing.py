@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import FloatArray, mutual_distances
 from ronnaplan.letters import written_out
 from ronnaplan.planning.template_layout import TemplateLayout, refusal_text
 from ronnaplan.planning.template_solid import label_place, outline
@@ -161,7 +161,7 @@ def _dimension(axes: Any, start: tuple[float, float], end: tuple[float, float], 
 
 def _write_tables(figure: Figure, found: TemplateLayout) -> None:
     bridge = found.bridge
-    apart = np.linalg.norm(found.centers_mm[:, np.newaxis] - found.centers_mm, axis=-1)
+    apart = mutual_distances(found.centers_mm)
     holes = ["hole     x       y    marker center x, y, z"]
     for label, hole, center in zip(found.labels, found.holes_mm, found.centers_mm, strict=True):
         numbers = " ".join(f"{value:8.2f}" for value in center)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ronnaplan.errors import InputError, RefusedError
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import FloatArray, mutual_distances
 from ronnaplan.planning.lengths import (
     CLEARANCE_MM,
     HOLE_MM,
@@ -201,7 +201,7 @@ class TemplateLayout:
     @cached_property
     def distance_gap_mm(self) -> float:
         """By how much at least one distance differs, in whatever other order the markers are taken."""
-        apart = np.linalg.norm(self.centers_mm[:, np.newaxis] - self.centers_mm, axis=-1)
+        apart = mutual_distances(self.centers_mm)
         orders = list(permutations(range(len(apart))))[1:]
         return min(float(np.abs(apart[np.ix_(order, order)] - apart).max()) for order in orders)
 

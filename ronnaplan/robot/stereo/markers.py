@@ -14,7 +14,7 @@ import numpy as np
 
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.errors import InputError, RefusedError, check_type
-from ronnaplan.geometry import FloatArray, Points
+from ronnaplan.geometry import FloatArray, Points, mutual_distances
 from ronnaplan.pose import Pose
 from ronnaplan.registration.marker_registration import MarkerRegistration, register_markers
 from ronnaplan.registration.registration import Registration
@@ -130,8 +130,7 @@ def relocate(
 
 def require_apart(found: RobotMarkers, diameter_mm: float) -> None:
     """Raise `RefusedError` where two spheres that are not one and the same overlap."""
-    places = found.positions_mm
-    apart = np.linalg.norm(places[:, None] - places, axis=2)
+    apart = mutual_distances(found.positions_mm)
     overlap = (apart > SAME_SPHERE_MM) & (apart < diameter_mm)
     if overlap.any():
         one, other = np.argwhere(overlap)[0]
