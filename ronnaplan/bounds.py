@@ -1,4 +1,4 @@
-"""What no value of a patient reaches: beyond it is damage, or another unit.
+"""What no value of a patient reaches, beyond which it is damage, or another unit; and where Hounsfield's scale begins.
 
 Nothing is imported here, so that who only reads documents loads no arrays.
 """
@@ -13,6 +13,12 @@ FARTHEST_POINT_MM = 1e5
 SMALLEST_SPREAD_MM = 1.0
 LARGEST_SPREAD_MM = 20_000.0
 """Points whose extent lies outside these are no head, no tool and no tracker's field in mm (metres? micrometres?)."""
+
+AIR_HU = -1000.0
+"""Where Hounsfield's scale begins: air."""
+
+LOWEST_HU = -1024.0
+"""No tissue, and no air but for noise, measures less: lower values are padding, or corners of the picture."""
 
 METAL_HU = 2500.0
 """Denser than any bone and enamel (2,100 HU): metal. The scale of most scanners ends at 3,071."""

@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ronnaplan.bounds import FARTHEST_POINT_MM
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, as_numbers, unit
 
@@ -31,9 +32,6 @@ PANEL_SLICES = (1, 2)
 PIXEL_SIZE_RANGE_MM: Final = (1e-2, 100.0)
 """Voxels outside are a damaged header or another unit: no scanner that a head fits into has finer ones. Of those in
 metres only voxels of 10 mm and more would pass, which show no marker."""
-
-FARTHEST_MM: Final = 1e5
-"""Positions farther from the origin are a damaged header."""
 
 PERPENDICULAR_TOLERANCE: Final = 2e-4
 """Largest departure of written directions from perpendicular unit vectors (cosines rounded to 4 decimals)."""
@@ -55,8 +53,8 @@ def require_grid(affine: FloatArray) -> None:
         raise InputError(
             f"its voxels measure {measure} mm, expected {low:g} to {high:g} mm each way; state lengths in millimetres"
         )
-    if not float(np.abs(origin).max()) <= FARTHEST_MM:
-        raise InputError(f"it lies more than {FARTHEST_MM / 1000.0:g} m from the origin")
+    if not float(np.abs(origin).max()) <= FARTHEST_POINT_MM:
+        raise InputError(f"it lies more than {FARTHEST_POINT_MM / 1000.0:g} m from the origin")
     if abs(column_step @ row_step) > PERPENDICULAR_TOLERANCE * lengths[0] * lengths[1]:
         raise InputError("it has rows and columns that are not perpendicular; convert it without shear")
     if abs(float(slice_step @ np.cross(column_step, row_step))) < LEAST_STACKING * np.prod(lengths):

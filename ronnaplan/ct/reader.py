@@ -19,6 +19,7 @@ from typing import Final
 
 import numpy as np
 
+from ronnaplan.bounds import LOWEST_HU
 from ronnaplan.ct.catalogue import Catalogue, Series, find_series
 from ronnaplan.ct.files import DamagedError, given_path
 from ronnaplan.ct.images import is_image_file, read_image
@@ -41,8 +42,6 @@ from ronnaplan.threads import cores, in_threads
 
 LOG = logging.getLogger(__name__)
 
-AIR_LIMIT_HU: Final = -1024.0
-"""No tissue, and no air but for noise, measures less; a constant corner below it was never measured."""
 UNREPRESENTABLE_PADDING_HU: Final = -32768.0
 """Stands for padding whose own rescaled value is beyond int16."""
 MOST_THREADS: Final = 8
@@ -264,7 +263,7 @@ def _mark_unmeasured_corners(voxels: Voxels, padding_hu: float | None) -> float 
     """
     corners = np.array([plane[[0, 0, -1, -1], [0, -1, 0, -1]] for plane in one_by_one(voxels)])
     value = float(corners.min())
-    if value >= AIR_LIMIT_HU or value == padding_hu or not (corners == value).all():
+    if value >= LOWEST_HU or value == padding_hu or not (corners == value).all():
         return padding_hu
     if padding_hu is None:
         return value

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ronnaplan.bounds import AIR_HU
 from ronnaplan.ct.volume import WAYS_TO_A_VOLUME, CTVolume
 from ronnaplan.errors import check_type
 
 PIXEL_MM = 2.5
 MOST_VOXELS = 2_000_000
 """Of more voxels, every second, third ... is looked at."""
-AIR_HU = -1000.0
 
 Silhouette = tuple[NDArray[np.float32], tuple[float, float, float, float]]
 

@@ -13,12 +13,12 @@ from typing import Final
 
 import numpy as np
 
+from ronnaplan.bounds import FARTHEST_POINT_MM
 from ronnaplan.ct.apart import OF_A_SLICE, PASSES, TUBE_VOLTAGES, share_plane, what_differs
 from ronnaplan.ct.codecs import tells_loss
 from ronnaplan.ct.copies import SAME_PLACE_TOLERANCE_MM, without_copies
 from ronnaplan.ct.derived import flags_of
 from ronnaplan.ct.grid import (
-    FARTHEST_MM,
     PERPENDICULAR_TOLERANCE,
     PIXEL_SIZE_RANGE_MM,
     TILT_TOLERANCE_DEG,
@@ -124,8 +124,8 @@ def _stacks_of_plane(images: list[SliceImage]) -> list[Stack]:
     try:
         row_step, column_step = _steps(images[0])
         origins = np.array([image.origin_mm for image in images])
-        if float(np.abs(origins).max()) > FARTHEST_MM:
-            raise InputError(f"a slice lies more than {FARTHEST_MM / 1000.0:g} m from the origin")
+        if float(np.abs(origins).max()) > FARTHEST_POINT_MM:
+            raise InputError(f"a slice lies more than {FARTHEST_POINT_MM / 1000.0:g} m from the origin")
     except InputError as error:
         return [Stack(tuple(images), problem=str(error))]
     normal = np.cross(column_step, row_step)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from ronnaplan.bounds import LOWEST_HU
 from ronnaplan.ct import CTVolume
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning.measures import DEEPEST_ENTRY_MM
-from ronnaplan.planning.sampling import AIR_HU, SliceSampler
+from ronnaplan.planning.sampling import SliceSampler
 from ronnaplan.scene.cut import Cut
 from ronnaplan.scene.field import bounds_mm
 from ronnaplan.scene.surfaces import SURFACES
@@ -92,7 +93,8 @@ class HeadLooking:
         places = place_mm + ways[:, np.newaxis] * reaches[:, np.newaxis]
         level = SURFACES["skin"].value
         above = (
-            np.nan_to_num(self.scan.values_hu(places.reshape(-1, 3)), nan=AIR_HU).reshape(places.shape[:2]) - level
+            np.nan_to_num(self.scan.values_hu(places.reshape(-1, 3)), nan=LOWEST_HU).reshape(places.shape[:2])
+            - level
         )
         crosses = (above[:, 1:] >= 0.0) != (above[:, :-1] >= 0.0)
         if not crosses.any():

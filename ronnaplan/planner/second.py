@@ -10,13 +10,14 @@ from typing import Any, Final
 
 import numpy as np
 
+from ronnaplan.bounds import LOWEST_HU
 from ronnaplan.ct import CTVolume
 from ronnaplan.errors import UsageError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.aligning import Alignment, align
 from ronnaplan.planner.cuts import Shades, shaded
 from ronnaplan.planner.worker import Job, Start
-from ronnaplan.planning.sampling import AIR_HU, SliceSampler
+from ronnaplan.planning.sampling import SliceSampler
 from ronnaplan.scene.cut import Cut
 from ronnaplan.scene.field import Field
 from ronnaplan.scene.sampled import values_hu
@@ -153,5 +154,5 @@ class Second:
 
     def _scaled(self) -> CTVolume:
         low, high = self._window
-        values = (self._image.voxels_hu.astype(np.float32) - low) * (SCALE / (high - low)) + AIR_HU
+        values = (self._image.voxels_hu.astype(np.float32) - low) * (SCALE / (high - low)) + LOWEST_HU
         return replace(self._image, voxels_hu=values)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ronnaplan.bounds import LOWEST_HU
 from ronnaplan.ct.volume import Voxels
 from ronnaplan.geometry import FloatArray, unit
 from ronnaplan.planning.head import SKIN_HU, Head
-from ronnaplan.planning.sampling import AIR_HU
 
 LEAST_MM3 = 15.0
 """What is smaller, half of a ball of 4 mm, is noise."""
@@ -42,7 +42,7 @@ def _dense(plane: Voxels, head: Head) -> NDArray[np.bool_]:
     cell = head.cell
     rows, columns = (n // cell for n in plane.shape)
     wide, high = (max(1, round(ROD_MM / step)) for step in head.scan.steps_mm.tolist())
-    means = cv2.blur(np.maximum(plane, AIR_HU).astype(np.float32), (wide, high))
+    means = cv2.blur(np.maximum(plane, LOWEST_HU).astype(np.float32), (wide, high))
     cells = (means[: rows * cell, : columns * cell] > SKIN_HU).reshape(rows, cell, columns, cell)
     return np.asarray(cells.any(axis=(1, 3)))
 

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
+from ronnaplan.bounds import LOWEST_HU
 from ronnaplan.ct.volume import Voxels
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planning import layers
 from ronnaplan.planning.head import SKIN_HU
 from ronnaplan.planning.layers import BONE_HU, COVER_MM, LONGEST_WAY_MM, STEP_MM
-from ronnaplan.planning.sampling import AIR_HU
 
 IntArray = NDArray[np.int64]
 
@@ -44,14 +44,14 @@ def slice_below(w_mm: FloatArray, w: float, guess: int) -> int:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def bilinear(plane: Voxels, row: float, column: float) -> float:
-    """Return the value of ``plane`` (J, I) at a fractional place, at least `AIR_HU`; NaN outside."""
+    """Return the value of ``plane`` (J, I) at a fractional place, at least `LOWEST_HU`; NaN outside."""
     rows, columns = plane.shape
     if not (0.0 <= row <= rows - 1 and 0.0 <= column <= columns - 1):
         return np.nan
     j, i = min(int(row), rows - 2), min(int(column), columns - 2)
     y, x = row - j, column - i
-    upper = (1.0 - x) * max(plane[j, i], AIR_HU) + x * max(plane[j, i + 1], AIR_HU)
-    lower = (1.0 - x) * max(plane[j + 1, i], AIR_HU) + x * max(plane[j + 1, i + 1], AIR_HU)
+    upper = (1.0 - x) * max(plane[j, i], LOWEST_HU) + x * max(plane[j, i + 1], LOWEST_HU)
+    lower = (1.0 - x) * max(plane[j + 1, i], LOWEST_HU) + x * max(plane[j + 1, i + 1], LOWEST_HU)
     return float((1.0 - y) * upper + y * lower)
 
 

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ronnaplan.bounds import LOWEST_HU
 from ronnaplan.ct.volume import WAYS_TO_A_VOLUME, CTVolume, Voxels
 from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray
-from ronnaplan.planning.sampling import AIR_HU, SliceSampler
+from ronnaplan.planning.sampling import SliceSampler
 from ronnaplan.text import place
 
 SKIN_HU = -450.0
@@ -87,7 +88,7 @@ def _tissue(plane: Voxels, cell: int, scan: SliceSampler) -> NDArray[np.bool_]:
     import cv2
 
     rows, columns = (n // cell for n in plane.shape)
-    whole = np.maximum(plane[: rows * cell, : columns * cell], AIR_HU).astype(np.float32)
+    whole = np.maximum(plane[: rows * cell, : columns * cell], LOWEST_HU).astype(np.float32)
     mean = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
     wide, high = (2 * int(OPENING_MM / (cell * step)) + 1 for step in scan.steps_mm)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (wide, high))

@@ -12,11 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ronnaplan.bounds import LOWEST_HU
 from ronnaplan.ct.volume import CTVolume, Voxels
 from ronnaplan.geometry import FloatArray
-
-AIR_HU = -1024.0
-"""Values below air are not physical (padding, the corners of the picture) and are raised to it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +57,7 @@ class SliceSampler:
         return np.where((self.w_mm[0] <= w) & (w <= self.w_mm[-1]), values, np.nan)
 
     def _bilinear(self, k: NDArray[np.intp], u: FloatArray, v: FloatArray) -> FloatArray:
-        """Return the values (N,) in slices ``k``, at least `AIR_HU`; NaN outside."""
+        """Return the values (N,) in slices ``k``, at least `LOWEST_HU`; NaN outside."""
         rows, columns = self.voxels.shape[1:]
         row = (v - self.origins_uv_mm[k, 1]) / self.steps_mm[1]
         column = (u - self.origins_uv_mm[k, 0]) / self.steps_mm[0]
@@ -70,7 +68,7 @@ class SliceSampler:
 
         def at(below: int, beside: int) -> FloatArray:
             values: FloatArray = self.voxels[k, j + below, i + beside].astype(np.float64)
-            return np.maximum(values, AIR_HU)
+            return np.maximum(values, LOWEST_HU)
 
         values: FloatArray = (1.0 - y) * ((1.0 - x) * at(0, 0) + x * at(0, 1))
         values += y * ((1.0 - x) * at(1, 0) + x * at(1, 1))

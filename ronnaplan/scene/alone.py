@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.planning.sampling import AIR_HU
+from ronnaplan.bounds import LOWEST_HU
 from ronnaplan.scene.field import Field
 
 Mask = NDArray[np.bool_]
@@ -59,7 +59,7 @@ def alone(field: Field) -> Field:
     else:
         body |= _small_parts(whole & ~body, PART_MM / field.cell_mm)
     kept = binary_dilation(body, iterations=round(VEIL_MM / field.cell_mm)) & (body | ~dense)
-    return replace(field, values=np.where(kept, field.values, np.float32(AIR_HU)))
+    return replace(field, values=np.where(kept, field.values, np.float32(LOWEST_HU)))
 
 
 def _largest(mask: Mask) -> Mask | None:

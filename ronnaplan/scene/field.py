@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ronnaplan.bounds import LOWEST_HU
 from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.ct.reader import in_parallel
 from ronnaplan.geometry import FloatArray
-from ronnaplan.planning.sampling import AIR_HU, SliceSampler
+from ronnaplan.planning.sampling import SliceSampler
 from ronnaplan.scene.cut import Cut
 from ronnaplan.scene.sampled import values_hu
 
@@ -41,7 +42,7 @@ class Field:
         low, high = bounds_mm(volume)
         columns, rows, planes = (np.floor((high - low) / cell_mm).astype(int) + 1).tolist()
         if volume.voxels_hu.shape[0] < 2 or min(volume.voxels_hu.shape[1:]) * min(rows, columns) < 4:
-            return cls(np.full((1, 1, 1), AIR_HU, dtype=np.float32), low, cell_mm)
+            return cls(np.full((1, 1, 1), LOWEST_HU, dtype=np.float32), low, cell_mm)
         scan = SliceSampler.of(_blurred(volume, cell_mm))
         values = np.empty((planes, rows, columns), dtype=np.float32)
         middle = low + cell_mm * (np.array([columns, rows, 0]) - np.array([1, 1, 0])) / 2
@@ -49,7 +50,7 @@ class Field:
         def fill(number: int) -> None:
             center = middle + np.array([0.0, 0.0, cell_mm * number])
             cut = Cut(np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), center, cell_mm * min(rows, columns))
-            values[number] = values_hu(scan, cut, (rows, columns), AIR_HU)
+            values[number] = values_hu(scan, cut, (rows, columns), LOWEST_HU)
 
         in_parallel(fill, planes, progress=False)
         return cls(values, low, cell_mm)
@@ -81,7 +82,7 @@ def _blurred(volume: CTVolume, cell_mm: float) -> CTVolume:
     blur = BLUR_CELLS * cell_mm * across / columns / grid.column_spacing_mm
 
     def fill(number: int) -> None:
-        whole = np.clip(volume.voxels_hu[number].astype(np.float32), AIR_HU, GREATEST_HU)
+        whole = np.clip(volume.voxels_hu[number].astype(np.float32), LOWEST_HU, GREATEST_HU)
         small = cv2.resize(whole, (across, down), interpolation=cv2.INTER_AREA)
         values[number] = cv2.GaussianBlur(small, (0, 0), blur)
 

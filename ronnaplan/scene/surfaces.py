@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from ronnaplan.planning.sampling import AIR_HU
+from ronnaplan.bounds import LOWEST_HU
 from ronnaplan.scene.field import Field
 from ronnaplan.scene.shapes import Body
 from ronnaplan.scene.vtk import Arrays, Workshop
@@ -37,7 +37,7 @@ def surfaces(
     field: Field,
     levels: Mapping[str, Level] = SURFACES,
     *,
-    outside: float = AIR_HU,
+    outside: float = LOWEST_HU,
     most_triangles: int = MOST_TRIANGLES,
 ) -> dict[str, Body]:
     """Return the bodies at some levels of a field, by name; one without triangles where nothing reaches its level.

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ronnaplan.bounds import LOWEST_HU
 from ronnaplan.pipes import receive, send
-from ronnaplan.planning.sampling import AIR_HU
 from ronnaplan.portable import give_way
 from ronnaplan.scene.vtk import Arrays
 
@@ -73,7 +73,7 @@ def head(given: dict[str, Any]) -> HeadParts:
     field = alone(Field.of(scan))
     whole = Volume.of(field)
     try:
-        made = bodies(surfaces(task(field, SURFACES, AIR_HU, most)), SURFACES)
+        made = bodies(surfaces(task(field, SURFACES, LOWEST_HU, most)), SURFACES)
         regions = {
             name: bodies(surfaces(task(of_mask(scan, mask), {name: REGION}, 0.0, most)), {name: REGION})[name]
             for name, mask in given["regions"].items()

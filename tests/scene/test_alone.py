@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ronnaplan.bounds import LOWEST_HU
 from ronnaplan.geometry import FloatArray
-from ronnaplan.planning.sampling import AIR_HU
 from ronnaplan.scene.alone import alone
 from ronnaplan.scene.field import Field
 
@@ -27,7 +27,7 @@ HEAD, WALLS = AWAY_MM < 65, (AWAY_MM < 65) & (AWAY_MM > 61)
 
 
 def field(*parts: np.ndarray) -> Field:
-    values: FloatArray = np.where(np.any(parts, axis=0), 100.0, AIR_HU)
+    values: FloatArray = np.where(np.any(parts, axis=0), 100.0, LOWEST_HU)
     return Field(values.astype(np.float32), np.zeros(3), CELL_MM)
 
 

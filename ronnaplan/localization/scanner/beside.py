@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kernelcache import njit
+from ronnaplan.bounds import AIR_HU
 from ronnaplan.ct.volume import CTVolume
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.ball_fit import BallFit
@@ -16,9 +17,6 @@ from ronnaplan.localization.scanner.summed import NO_LOSS_HU, PADDING_HU, WATER_
 
 VIEWS, STEP_MM, APART_MM = 45, 3.0, 0.75
 """Directions in which all else is summed up, in these steps along rays that are so far apart."""
-
-VACUUM_HU = -1000.0
-"""Where Hounsfield's scale begins."""
 
 HEIGHTS = 0.5
 """All else changes slowly from slice to slice: it is summed up at heights so many radii apart, straight in between."""
@@ -53,7 +51,7 @@ def all_beside(volume: CTVolume, fit: BallFit) -> Beside:
     places_mm = np.arange(-radius_mm - APART_MM, radius_mm + 2.0 * APART_MM, APART_MM)
     steps_mm, padding_hu = grid.steps_mm, volume.padding_or_nan_hu
     around_hu = float(fit.theta[BACKGROUND])
-    air_hu = around_hu if around_hu < 0.5 * VACUUM_HU else VACUUM_HU
+    air_hu = around_hu if around_hu < 0.5 * AIR_HU else AIR_HU
     losses = np.zeros((len(numbers), VIEWS, len(places_mm)))
     for n, number in enumerate(numbers):
         corner_mm = grid.axes[:2] @ (grid.origins_mm[number] - fit.center_mm)
@@ -100,6 +98,6 @@ def _sum_up(
                 i, j = int(column + n * by_column), int(row + n * by_row)
                 if 0 <= i < columns and 0 <= j < rows:
                     value = picture[j, i]
-                    if value - air > NO_LOSS_HU - VACUUM_HU and value < PADDING_HU and value != padding:
+                    if value - air > NO_LOSS_HU - AIR_HU and value < PADDING_HU and value != padding:
                         total += value - air
             losses[view, s] = total * STEP_MM * WATER_PER_MM / 1000.0

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
+from ronnaplan.bounds import AIR_HU
 from ronnaplan.ct.scratch import runs
 from ronnaplan.ct.volume import CTVolume, VolumeFlag, Voxels
 from ronnaplan.errors import InputError
@@ -28,7 +29,7 @@ ROUNDED_HU = 1.0
 """Whole numbers that lie on one line before they are rounded are off it by no more than this, and so are such whose
 fraction is cut off. Toward zero, as ITK cuts it off, it is by no more than twice this where some lie to either side."""
 
-WITHIN_SCALE_HU = (-1000.0, 3000.0)
+WITHIN_SCALE_HU = (AIR_HU, 3000.0)
 """What a scale's end may have cut off after slices were computed is not asked: air, and metal."""
 
 CHANGE_HU = 10.0

@@ -16,6 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ronnaplan.bounds import AIR_HU
 from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.examine import LEAST_TOGETHER, Examine, Examined, distinct
@@ -39,7 +40,7 @@ CROWDED = 1.2
 """The uppermost quarter of the scale holds so many times the voxels of the quarter below, at the edges of balls: 0.7
 where metal's foot rises into the scale's end, 1.6 and more once that was resampled by straight lines."""
 
-AIR_HU, LEFT = -1000.0, 0.75
+LEFT = 0.75
 """The share of the scale above air that is left for fits. With 0.85 half of what Fourier's shifts have turned is found,
 with 0.5 balls lie farther off."""
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernelcache import njit
+from ronnaplan.bounds import LOWEST_HU
 from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.volume import CTVolume, Voxels
 from ronnaplan.threads import in_parts
@@ -18,9 +19,9 @@ COARSE_SHARE = 1.0 / 5.0
 COARSE_FLOOR_MM = 1.0
 """... but need not be smaller than this, unless the marker is smaller than three of them."""
 
-LOWEST_HU, HIGHEST_HU = -1024, 32767
-"""Values below are not physical (padding, the corners of the picture) and are raised to the lowest; those above are
-metal at its brightest, of which the copy's 16 bits hold no more."""
+HIGHEST_HU = 32767
+"""Values above are metal at its brightest, of which the copy's 16 bits hold no more; those below `LOWEST_HU` are raised
+to it."""
 
 Blocks = tuple[int, int, int]
 """How many slices, rows and columns of a scan make one voxel of its copy."""
