@@ -12,6 +12,7 @@ from ronnaplan.errors import InputError, UnwrittenError
 from ronnaplan.portable import is_administrator
 
 BROWSERS = (
+    "chromium-headless-shell",
     *("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "microsoft-edge", "msedge"),
     *(
         f"/Applications/{name}.app/Contents/MacOS/{name}"
@@ -20,7 +21,9 @@ BROWSERS = (
     r"%ProgramFiles%\Google\Chrome\Application\chrome.exe",
     r"%ProgramFiles(x86)%\Microsoft\Edge\Application\msedge.exe",
 )
-"""Commands, and where macOS and Windows install what no command starts there."""
+"""Commands, and where macOS and Windows install what no command starts there.
+
+The first is Chromium without windows of its own, which prints in less than half the processor's time."""
 
 TIME_LIMIT_S = 120
 
