@@ -26,7 +26,8 @@ WAITING = ("/planner/test_browser", "/node/", "/cohort/")
 """Parts of the paths of files whose tests wait for a page or for other processes, for half of their time and more."""
 
 TOGETHER = tuple(
-    f"tests/planner/test_{name}.py" for name in ("browser", "browser_access", "browser_webgl", "gate")
+    f"tests/planner/test_{name}.py"
+    for name in ("browser", "browser_access", "browser_head", "browser_webgl", "gate")
 )
 """Files that look at one running planner: one worker runs them all, for to make its head takes longer than most do."""
 

@@ -156,10 +156,12 @@ def test_limits_may_change_while_another_thread_measures(monkeypatch: pytest.Mon
 
 def test_while_an_end_is_dragged_a_no_go_region_is_its_voxels_and_then_the_surface_behind_them() -> None:
     volume = cases.volume()
-    index = np.moveaxis(np.indices(volume.voxels_hu.shape), 0, -1).astype(np.float64)
     axis, middle = np.array([0.36, 0.8, 0.48]), (cases.ENTRY_MM + cases.TARGET_MM) / 2
+    near = tuple(slice(int(at) - 30, int(at) + 30) for at in volume.grid.indices(middle))
+    index = np.moveaxis(np.mgrid[near], 0, -1).astype(np.float64)
     off = volume.grid.positions_mm(index) - middle - 9.0 * np.array([0.8, -0.36, 0.0]) / np.hypot(0.8, 0.36)
-    vessel = (off**2).sum(axis=-1) - (off @ axis) ** 2 < 5.0**2
+    vessel = np.zeros(volume.voxels_hu.shape, dtype=np.bool_)
+    vessel[near] = (off**2).sum(axis=-1) - (off @ axis) ** 2 < 5.0**2
     around = Surroundings(Terrain(volume, {"vessel": vessel}), Rules())
     plan = cases.plan()
     (path,) = plan.trajectories

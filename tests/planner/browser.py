@@ -168,6 +168,11 @@ def _tab(browser: Any, script: str) -> Any:
     return page
 
 
+def is_left(context: Any) -> bool:
+    """Whether nobody uses what the tabs of a window show."""
+    return all(getattr(page, "is_left", False) for page in context.pages)
+
+
 def leave(context: Any) -> None:
     """Empty a tab that was `opened` for the next test: a new one takes a browser more than the planner's page does.
 

@@ -11,7 +11,7 @@ import pytest
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
 from tests import cases
-from tests.planner.browser import Planner, chromium, leave, planner
+from tests.planner.browser import Planner, chromium, is_left, leave, opened, planner
 
 
 @pytest.fixture
@@ -35,10 +35,12 @@ def running_browser() -> Iterator[Any]:
 
 @pytest.fixture
 def browser(running_browser: Any) -> Iterator[Any]:
-    """A browser whose tabs are closed, or emptied, after the test."""
+    """A browser whose tabs are closed, or emptied, after the test, but for a page of the whole module."""
+    used = [context for context in running_browser.contexts if not is_left(context)]
     yield running_browser
     for context in running_browser.contexts:
-        leave(context)
+        if context not in used:
+            leave(context)
 
 
 @pytest.fixture
@@ -58,6 +60,14 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Planner]:
     """A planner for the tests of one module that leave each other's things alone."""
     with planner(cases.write_case(tmp_path_factory.mktemp("kept"))) as one:
         yield one
+
+
+@pytest.fixture(scope="module")
+def page(running_browser: Any, kept: Planner) -> Iterator[Any]:
+    """One page for the tests of one module that leave each other's things alone: to load it takes most of a test."""
+    page = opened(running_browser, kept.url)
+    yield page
+    leave(page.context)
 
 
 @pytest.fixture(scope="session")

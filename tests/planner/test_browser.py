@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import socket
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -20,6 +21,7 @@ from tests.planner.browser import (
     eventually,
     fields,
     last_target,
+    leave,
     needs_browser,
     opened,
     place,
@@ -49,8 +51,23 @@ AXIAL = "document.querySelector('canvas[data-picture=axial]').dataset.number"
 """Which picture is drawn in the axial view."""
 
 
-def test_every_view_shows_something(browser: Any, shared: Planner) -> None:
-    page = with_head(opened(browser, shared.url))
+@pytest.fixture(scope="module")
+def page(running_browser: Any, shared: Planner) -> Iterator[Any]:
+    """One page for the tests here that plan nothing."""
+    page = opened(running_browser, shared.url)
+    yield page
+    leave(page.context)
+
+
+def sized(page: Any, width: int = 1280, height: int = 800) -> Any:
+    """Wait until a page has drawn itself anew in another size, if it has."""
+    page.set_viewport_size({"width": width, "height": height})
+    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    return page
+
+
+def test_every_view_shows_something(page: Any) -> None:
+    with_head(sized(page))
     for view in ("axial", "coronal", "sagittal", "inline", "probe", "head"):
         page.wait_for_function(f"view => ({BRIGHTEST})(view) > 40", arg=view)
     for view in ("axial", "coronal", "sagittal", "inline", "probe", "head"):
@@ -62,8 +79,8 @@ def test_every_view_shows_something(browser: Any, shared: Planner) -> None:
 
 
 @few_and_others(("width", "height"), [(1280, 800), (390, 600)], [(2560, 1440)])
-def test_nothing_falls_off_the_screen(browser: Any, shared: Planner, width: int, height: int) -> None:
-    page = opened(browser, shared.url, width, height)
+def test_nothing_falls_off_the_screen(page: Any, width: int, height: int) -> None:
+    sized(page, width, height)
     page.wait_for_function("document.getElementById('verdict')?.textContent")  # at the end of the panel, unseen
     over = page.evaluate(
         "(page => [page.scrollWidth - innerWidth, page.scrollHeight - innerHeight])(document.documentElement)"
@@ -89,14 +106,12 @@ UPPER_LETTERS_ON_TITLES = """() => [...document.querySelectorAll(".rp-edge-2")].
 
 
 @few_and_others(("width", "height", "cut"), [(683, 384, 2)], [(960, 540, 0), (1024, 768, 0)])
-def test_titles_are_read_where_the_page_is_enlarged(
-    browser: Any, shared: Planner, width: int, height: int, cut: int
-) -> None:
+def test_titles_are_read_where_the_page_is_enlarged(page: Any, width: int, height: int, cut: int) -> None:
     """Screens of 1,920 x 1,080 and of 1,366 x 768 that are enlarged twice; on these two say only what comes first.
 
     That is how far the target is, and how deep the cut lies, which was cut off; and as what the head is drawn.
     """
-    page = with_head(opened(browser, shared.url, width, height))
+    with_head(sized(page, width, height))
     page.wait_for_function("document.querySelectorAll('.rp-title')[0].textContent.includes('mm')")
     eventually(page, lambda: len(page.evaluate(CUT_TITLES)) == cut)
     assert all(one.endswith((": probe's eye", "; 95 % tubes")) for one in page.evaluate(CUT_TITLES))
@@ -196,6 +211,7 @@ def test_two_tabs_show_one_plan_each_where_it_looks(browser: Any, kept: Planner)
     assert value(first, "look")["window"] in ("brain", "markers")
 
 
+@pytest.mark.long  # each step is done by other tests of the page, too: those of a tracker and of an ambiguous pairing
 def test_readings_are_registered_from_the_page(browser: Any, shared: Planner) -> None:
     file = shared.folder / "registration.json"
     file.unlink()
@@ -242,8 +258,8 @@ def test_a_live_tracker_is_listened_to_and_entries_are_proposed(browser: Any, fo
     listener.close()
 
 
-def test_the_wheel_scrolls_and_the_cuts_stay_linked(browser: Any, shared: Planner) -> None:
-    page = opened(browser, shared.url)
+def test_the_wheel_scrolls_and_the_cuts_stay_linked(page: Any) -> None:
+    sized(page)
     before, cross = page.evaluate(AXIAL), value(page, "drawn_coronal")["cross"]
     page.mouse.move(*place(page, "axial", 0.5, 0.5))
     page.mouse.wheel(0, 120)

@@ -14,6 +14,7 @@ from ronnaplan.documents.plan import change_plan
 from ronnaplan.documents.reading import to_json
 from ronnaplan.planning import Plan
 from tests import cases
+from tests.long import few_and_others
 from tests.planner.browser import PATIENCE_MS, Planner, eventually, needs_browser, opened, planner, value
 
 pytestmark = needs_browser
@@ -35,13 +36,13 @@ OVERFLOW = """() => {
 
 
 def crowded(folder: Path) -> Path:
-    """A case of 60 trajectories, 40 markers, and a file of readings with a long name."""
+    """A case of 24 trajectories, 16 markers, and a file of readings with a long name."""
     cases.write_case(folder)
     generator = np.random.default_rng(3)
 
     def more(plan: Plan) -> Plan:
         one = plan.trajectory("left")
-        for name in (*NAMES, *(f"E{number}" for number in range(60 - len(NAMES)))):
+        for name in (*NAMES, *(f"E{number}" for number in range(24 - len(NAMES)))):
             plan = plan.add(replace(one, name=name.strip(), target_mm=one.target_mm + generator.uniform(-9, 9, 3)))
         return plan
 
@@ -50,7 +51,7 @@ def crowded(folder: Path) -> Path:
     shown = [
         one.model_copy(update={"label": name.strip()}) for one, name in zip(found.fiducials, NAMES, strict=False)
     ]
-    places = generator.uniform(-70, 70, (40 - len(found.fiducials), 3)).tolist()
+    places = generator.uniform(-70, 70, (16 - len(found.fiducials), 3)).tolist()
     extra = [
         found.fiducials[-1].model_copy(update={"label": f"M{n}", "center": tuple(place), "flags": ("radius",)})
         for n, place in enumerate(places)
@@ -78,7 +79,7 @@ def page(running_browser: Any, full: Planner) -> Iterator[Any]:
     page.close()
 
 
-@pytest.mark.parametrize(("width", "height"), [(390, 844), (640, 400), (1280, 800)])
+@few_and_others(("width", "height"), [(390, 844), (1280, 800)], [(640, 400)])
 def test_long_names_stay_within_their_line_and_are_whole_in_their_title(
     page: Any, width: int, height: int
 ) -> None:

@@ -97,6 +97,7 @@ def test_a_region_is_hidden_shown_again_and_kept_as_it_was_last(browser: Any, ca
     assert json.loads((case.folder / "planner.json").read_text())["regions"]["tumor"]["opacity"] == 0.3
 
 
+@pytest.mark.long  # what is in a scene and how files are handed out is tested for itself, and by the start page's test
 def test_the_scene_is_downloaded_with_all_that_is_seen(browser: Any, case: Planner) -> None:
     page = opened(browser, case.url)
     page.click(".rp-tab >> text=Files")

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 from ronnaplan.documents.plan import change_plan, read_plan, write_plan
-from tests.planner.browser import PATIENCE_MS, Planner, eventually, needs_browser, opened, wait_until_whole
+from tests.planner.browser import PATIENCE_MS, Planner, eventually, needs_browser, wait_until_whole
 
 pytestmark = needs_browser
 
 
-def test_nothing_that_comes_late_takes_the_place_of_the_page(browser: Any, kept: Planner) -> None:
+def test_nothing_that_comes_late_takes_the_place_of_the_page(page: Any) -> None:
     """A picture of waiting that comes after the page would be written over it: it is not asked for."""
-    page = opened(browser, kept.url)
     page.wait_for_timeout(500)
     assert not [url for url in page.requested if "loading" in url]
     assert page.title() == "ronnaplan"
 
 
-def test_the_page_asks_no_launcher_where_its_socket_is(browser: Any, kept: Planner) -> None:
-    page = opened(browser, kept.url)
+def test_the_page_asks_no_launcher_where_its_socket_is(page: Any, kept: Planner) -> None:
     assert not [url for url in page.requested if "paraview" in url or "sessionURL" in url]
     assert page.url == kept.url
 
@@ -65,12 +64,11 @@ ASKED = "**/planner_page/planner.css"
 
 
 def test_a_planner_that_was_only_held_up_is_gone_on_with_and_half_a_number_is_never_entered(
-    browser: Any, kept: Planner
+    page: Any, kept: Planner
 ) -> None:
     """The notice takes the focus from the field that is typed in, by which a browser enters what stands there."""
     entered = kept.folder / "plan.json"
     before = entered.read_bytes()
-    page = opened(browser, kept.url)
     page.evaluate("window.before = true")
     page.locator("#entry-x").press("Control+a")
     page.keyboard.type("2")
@@ -110,6 +108,13 @@ def test_a_planner_that_ends_and_still_answers_has_no_page_loaded_anew(browser: 
     wait_until_whole(page)
 
 
+LEFT_OVER = """if (window.name === "") {
+  window.name = "loaded before";
+  sessionStorage.setItem("ronnaplan: half typed", %s);
+}"""
+"""What a page of another case left in its tab, as the first page that is loaded in it finds it."""
+
+
 def test_what_is_half_typed_as_the_connection_is_cut_is_typed_again_and_never_into_another_field(
     browser: Any, kept: Planner
 ) -> None:
@@ -117,9 +122,12 @@ def test_what_is_half_typed_as_the_connection_is_cut_is_typed_again_and_never_in
     lines = lines_of(page)
     change_plan(plan, lambda plan: plan.edit("left", notes=""))
     before = plan.read_bytes()
+    of_another = {"id": "notes", "owner": "left", "before": "", "text": "of another case", "scan": "another"}
+    page.add_init_script(LEFT_OVER % json.dumps(json.dumps(of_another)))
     page.goto(kept.url)
     wait_until_whole(page)
     page.wait_for_function("document.querySelector('#notes').value === ''")
+    assert page.evaluate("[window.name, sessionStorage.length]") == ["loaded before", 0]
 
     def cut() -> None:
         page.evaluate("window.before = true")
@@ -127,11 +135,6 @@ def test_what_is_half_typed_as_the_connection_is_cut_is_typed_again_and_never_in
         page.wait_for_function("!window.before")
         wait_until_whole(page)
 
-    of_another = {"id": "notes", "owner": "left", "before": "", "text": "of another case", "scan": "another"}
-    page.evaluate("left => sessionStorage.setItem('ronnaplan: half typed', JSON.stringify(left))", of_another)
-    page.reload()
-    wait_until_whole(page)
-    assert page.evaluate("[document.querySelector('#notes').value, sessionStorage.length]") == ["", 0]
     page.locator("#notes").press("Control+a")
     page.keyboard.type("a way between the ves")
     cut()
@@ -209,9 +212,8 @@ def test_what_the_planner_has_not_answered_yet_is_said_until_it_has(browser: Any
     page.keyboard.press("Escape")
 
 
-def test_a_planner_that_hangs_is_told_of_before_it_is_given_up(browser: Any, kept: Planner) -> None:
+def test_a_planner_that_hangs_is_told_of_before_it_is_given_up(page: Any) -> None:
     """It took three questions of 4 s each until a page said anything, whose planner did not answer."""
-    page = opened(browser, kept.url)
     page.route(ASKED, lambda route: None)
     page.wait_for_selector("#unanswered >> text=the planner does not answer yet")
     assert not page.locator("#gone").count()
@@ -219,8 +221,7 @@ def test_a_planner_that_hangs_is_told_of_before_it_is_given_up(browser: Any, kep
     eventually(page, lambda: not page.locator("#unanswered").text_content())
 
 
-def test_what_takes_long_to_make_tells_for_how_long_and_is_made_once(browser: Any, kept: Planner) -> None:
-    page = opened(browser, kept.url)
+def test_what_takes_long_to_make_tells_for_how_long_and_is_made_once(page: Any) -> None:
     asked: list[Any] = []
     page.route("**/download/report.pdf", lambda route: asked.append(route))
     page.click(".rp-tab >> text=Files")

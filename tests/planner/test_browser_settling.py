@@ -64,12 +64,22 @@ def marker_at(page: Any, view: str, label: str) -> tuple[float, float]:
     return seen_at(page, view, (one["x"] / drawn["half"], one["y"] / drawn["half"]))
 
 
-def test_an_ambiguity_is_settled_by_clicks_on_a_marker_and_a_reading(browser: Any, kept: Planner) -> None:
-    page, folder = with_head(opened(browser, kept.url)), kept.folder
+@pytest.fixture
+def page(page: Any) -> Any:
+    """The module's page with its first panel."""
+    page.click(".rp-tab >> text=Trajectories")
+    page.wait_for_selector("#paths")
+    return page
+
+
+def test_an_ambiguity_is_settled_by_clicks_on_a_marker_and_a_reading(page: Any, kept: Planner) -> None:
+    with_head(page)
+    folder = kept.folder
     page.click(".rp-tab >> text=Registration")
     page.click("text=readings.csv")
     page.wait_for_selector("#ask")
     assert status(folder) == "ambiguous"
+    refused = (folder / "registration.json").read_bytes()
     eventually(page, lambda: page.locator("#rivals tr.rp-differs").count() == 4)
     page.mouse.click(*marker_at(page, "axial", "F3"))
     page.wait_for_function("window.trame.state.get('pointing').marker === 'F3'")
@@ -79,7 +89,7 @@ def test_an_ambiguity_is_settled_by_clicks_on_a_marker_and_a_reading(browser: An
     assert pairs(folder)["F3"] == "a"
     page.wait_for_selector("#register >> text=F3 is a")
 
-    page.click("text=readings.csv")
+    (folder / "registration.json").write_bytes(refused)  # as by another hand: to register anew takes seconds
     page.wait_for_selector("#ask")
     page.click("#pick-readings tr >> nth=3")
     page.wait_for_function("window.trame.state.get('pointing').reading === 'c'")
@@ -88,9 +98,8 @@ def test_an_ambiguity_is_settled_by_clicks_on_a_marker_and_a_reading(browser: An
     assert pairs(folder) == {"F1": "a", "F2": "b", "F3": "c", "F4": "d"}
 
 
-def test_a_trajectory_is_named_sized_and_noted_in_the_page(browser: Any, kept: Planner) -> None:
+def test_a_trajectory_is_named_sized_and_noted_in_the_page(page: Any, kept: Planner) -> None:
     folder = kept.folder
-    page = opened(browser, kept.url)
     page.fill("#path-name", "lead")
     page.press("#path-name", "Tab")
     page.wait_for_selector("text=lead, LPS mm")
@@ -120,13 +129,12 @@ def test_a_trajectory_is_named_sized_and_noted_in_the_page(browser: Any, kept: P
 
 
 def test_what_is_half_typed_when_another_hand_changes_the_plan_is_entered_nowhere(
-    browser: Any, kept: Planner
+    page: Any, kept: Planner
 ) -> None:
     path, scan = kept.folder / "plan.json", cases.volume()
     entry, target = np.array(cases.ENTRY_MM), np.array(cases.TARGET_MM)
     change_plan(path, lambda plan: plan.add(Trajectory("one", entry, target, scan.frame)))
     change_plan(path, lambda plan: plan.add(Trajectory("two", entry, target, scan.frame)))
-    page = opened(browser, kept.url)
     page.click("#paths .rp-row button:has-text('one')")
     page.wait_for_selector("text=one, LPS mm")
     for typed, act in (
@@ -148,8 +156,7 @@ def test_what_is_half_typed_when_another_hand_changes_the_plan_is_entered_nowher
     change_plan(path, lambda plan: plan.remove("two"))
 
 
-def test_a_button_does_not_overtake_the_press_before_it(browser: Any, kept: Planner) -> None:
-    page = opened(browser, kept.url)
+def test_a_button_does_not_overtake_the_press_before_it(page: Any, kept: Planner) -> None:
     x, y = seen_at(page, "axial", (0.3, 0.2))
     page.evaluate(
         """([x, y]) => {
@@ -169,9 +176,8 @@ def test_a_button_does_not_overtake_the_press_before_it(browser: Any, kept: Plan
     assert crosshair(kept.folder) == pytest.approx(shown, abs=0.01)
 
 
-def test_ac_and_pc_are_set_at_the_crosshair_and_typed(browser: Any, kept: Planner) -> None:
+def test_ac_and_pc_are_set_at_the_crosshair_and_typed(page: Any, kept: Planner) -> None:
     folder = kept.folder
-    page = opened(browser, kept.url)
     page.mouse.click(*seen_at(page, "axial", (0.0, -0.1)))
     page.click("text=set AC here")
     page.wait_for_function("window.trame.state.get('landmarks')[0].place")
@@ -192,11 +198,10 @@ def test_ac_and_pc_are_set_at_the_crosshair_and_typed(browser: Any, kept: Planne
     page.wait_for_function("window.trame.state.get('message').includes('is no place')")
 
 
-def test_markers_are_rejected_renamed_and_taken_back(browser: Any, kept: Planner) -> None:
+def test_markers_are_rejected_renamed_and_taken_back(page: Any, kept: Planner) -> None:
     def labels() -> list[str]:
         return [one.label for one in read_fiducials(kept.folder / "fiducials.json").fiducials]
 
-    page = opened(browser, kept.url)
     page.click(".rp-tab >> text=Markers")
     page.click("#markers tr.rp-row >> nth=1 >> text=reject")
     eventually(page, lambda: "F2" not in labels())
@@ -213,12 +218,12 @@ def test_markers_are_rejected_renamed_and_taken_back(browser: Any, kept: Planner
     eventually(page, lambda: "F2" in labels())
 
 
-def test_the_patient_is_named_when_asked_for(browser: Any, kept: Planner) -> None:
-    assert opened(browser, kept.url).inner_text("#patient") == "PHANTOM^SYNTHETIC"
+def test_the_patient_is_named_when_asked_for(page: Any) -> None:
+    assert page.inner_text("#patient") == "PHANTOM^SYNTHETIC"
 
 
-def test_keys_are_listed_and_a_view_is_enlarged_in_this_tab_only(browser: Any, kept: Planner) -> None:
-    page, other = opened(browser, kept.url), opened(browser, kept.url)
+def test_keys_are_listed_and_a_view_is_enlarged_in_this_tab_only(page: Any, browser: Any, kept: Planner) -> None:
+    other = opened(browser, kept.url)
     small = page.locator("[data-view=coronal]").bounding_box()["width"]
     page.click(".rp-coronal [data-grow]")
     eventually(page, lambda: page.locator("[data-view=coronal]").bounding_box()["width"] > 2.5 * small)

@@ -15,14 +15,17 @@ from ronnaplan.planner.panels import chosen_path
 from ronnaplan.planner.pointer import Pointer
 from ronnaplan.planner.state import PlannerState
 from tests import cases
-from tests.planner.browser import Planner, crosshair, eventually, fields, needs_browser, opened, value
+from tests.planner.browser import Planner, crosshair, eventually, fields, needs_browser, value
 
 FOCUSED = "document.activeElement.id"
 
 
 @pytest.fixture
-def page(browser: Any, kept: Planner) -> Any:
-    return opened(browser, kept.url)
+def page(page: Any) -> Any:
+    """The module's page with its first panel."""
+    page.click(".rp-tab >> text=Trajectories")
+    page.wait_for_selector("#paths")
+    return page
 
 
 def enter(page: Any, field: str, text: str, key: str = "Enter") -> None:
@@ -166,8 +169,7 @@ def test_what_is_no_number_by_the_letter_is_refused(state: PlannerState, typed: 
 
 
 @needs_browser
-def test_what_is_refused_is_told_where_the_panel_is_scrolled_to(browser: Any, kept: Planner) -> None:
-    page = opened(browser, kept.url)
+def test_what_is_refused_is_told_where_the_panel_is_scrolled_to(page: Any) -> None:
     page.wait_for_selector("#measures tr")  # the panel is as long as it gets
     page.evaluate("document.getElementById('landmark-AC').scrollIntoView()")
     page.fill("#landmark-AC", "1, 2")

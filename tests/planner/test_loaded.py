@@ -17,10 +17,12 @@ import numpy as np
 import asyncio
 from trame.app import get_server
 from ronnaplan.ct import read_ct
+from ronnaplan.planner import app as planner_app
 from ronnaplan.planner.app import PlannerApp
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
 
+planner_app.MOST_TRIANGLES = 10**6  # to thin surfaces out takes most of the time, in another process than this one
 volume = read_ct(sys.argv[1])
 vessel = np.zeros(volume.voxels_hu.shape, dtype=bool)
 vessel[-20:-10, 60:70, 60:70] = True

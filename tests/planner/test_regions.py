@@ -17,9 +17,11 @@ MIDDLE, RADIUS = np.array([5.0, -10.0, 35.0]), 22.0
 def outlines() -> Outlines:
     """A ball as a label map of the scan."""
     scan = cases.volume()
-    k, j, i = np.indices(scan.voxels_hu.shape)
+    ball = np.zeros(scan.voxels_hu.shape, dtype=np.bool_)
+    near = tuple(slice(int(at) - 30, int(at) + 30) for at in scan.grid.indices(MIDDLE))
+    k, j, i = np.mgrid[near]
     places = scan.grid.positions_mm(np.stack([k, j, i], axis=-1).reshape(-1, 3).astype(float))
-    ball = (np.linalg.norm(places - MIDDLE, axis=1) < RADIUS).reshape(scan.voxels_hu.shape)
+    ball[near] = (np.linalg.norm(places - MIDDLE, axis=1) < RADIUS).reshape(k.shape)
     return Outlines(scan, {"vessel": ball})
 
 

@@ -8,6 +8,7 @@ import hashlib
 import json
 import re
 import subprocess
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from html import unescape
 from pathlib import Path
@@ -33,7 +34,7 @@ from ronnaplan.report.quality import quality_report
 from ronnaplan.scene.shapes import ball
 from ronnaplan.scene.things import Thing
 from tests import cases
-from tests.planner.browser import needs_browser
+from tests.planner.browser import looking, needs_browser
 
 A4_PT = (595.3, 841.9)
 
@@ -273,20 +274,37 @@ def printed(html: str) -> bytes:
     return print_pdf(html)
 
 
-def test_a_path_with_an_electrode_of_many_contacts_takes_one_page(case: Case, printed: bytes) -> None:
+Pages = Callable[[str], int]
+
+
+@pytest.fixture(scope="module")
+def pages() -> Iterator[Pages]:
+    """How many pages a report takes on paper: one browser prints them all, as `print_pdf` does with one for each."""
+    with looking() as look:
+        yield lambda report: look(count_pages, report)
+
+
+def count_pages(tab: Any, report: str) -> int:
+    tab.set_content(report)
+    found: int = tab.pdf(prefer_css_page_size=True).count(b"/MediaBox")
+    return found
+
+
+@needs_browser
+def test_a_path_with_an_electrode_of_many_contacts_takes_one_page(case: Case, html: str, pages: Pages) -> None:
     assert case.plan is not None
     chosen = case.plan.edit("left", electrode=ELECTRODES["DIXI D08-18AM"])
-    with_contacts = print_pdf(quality_report(replace(case, plan=chosen)))
-    assert with_contacts.count(b"/MediaBox") == printed.count(b"/MediaBox")
+    assert pages(quality_report(replace(case, plan=chosen))) == pages(html)
 
 
+@needs_browser
 @pytest.mark.usefixtures("undrawn")
-def test_names_of_many_letters_take_no_more_pages_and_stand_whole_above_their_measures(case: Case) -> None:
+def test_names_of_many_letters_take_no_more_pages_and_stand_whole_above_their_measures(
+    case: Case, pages: Pages
+) -> None:
     """One filled page two with its row, another the page after that of a path that it is held against."""
-    if find_browser() is None:
-        pytest.skip("no Chromium is installed to print a PDF with")
     assert case.plan is not None
-    left, pages = case.plan.trajectory("left"), []
+    left, counts = case.plan.trajectory("left"), []
     for names in (("left", "beside"), ("W" * 299 + "1", "W" * 299 + "2")):
         paths = tuple(
             replace(left, name=name, entry_mm=left.entry_mm + n, target_mm=left.target_mm + n)
@@ -294,8 +312,8 @@ def test_names_of_many_letters_take_no_more_pages_and_stand_whole_above_their_me
         )
         report = quality_report(replace(case, plan=replace(case.plan, trajectories=paths)))
         assert all(f"<h3>{name}</h3>" in report for name in names)
-        pages.append(print_pdf(report).count(b"/MediaBox"))
-    assert pages[0] == pages[1]
+        counts.append(pages(report))
+    assert counts[0] == counts[1]
     assert f'<td class="long">{"W" * 30}\u2026{"W" * 28}2</td>' in report
 
 
@@ -311,23 +329,22 @@ def test_long_names_alike_at_both_ends_are_told_apart_in_every_table(case: Case)
             assert re.search(rf"<t[dh][^>]*>{cell}</t[dh]>", report), cell[:20]
 
 
-def test_a_path_with_many_limits_and_contacts_takes_one_page(case: Case, printed: bytes) -> None:
+@needs_browser
+def test_a_path_with_many_limits_and_contacts_takes_one_page(case: Case, html: str, pages: Pages) -> None:
     assert case.plan is not None
     chosen = case.plan.edit("left", electrode=ELECTRODES["Medtronic 3387"])
     report = quality_report(replace(case, plan=chosen))
     (limit,) = re.findall("<tr><td>path within the instrument</td>.*?</tr>", report)
     near = limit.replace("<td></td></tr>", '<td class="text">at depth 69.2 mm, at least 14.45</td></tr>')
-    with_limits = print_pdf(report.replace(limit, 12 * limit + 10 * near))
-    assert with_limits.count(b"/MediaBox") == printed.count(b"/MediaBox")
+    assert pages(report.replace(limit, 12 * limit + 10 * near)) == pages(html)
 
 
 @needs_browser
-def test_a_table_that_fits_on_a_page_is_not_cut_by_the_end_of_one() -> None:
+def test_a_table_that_fits_on_a_page_is_not_cut_by_the_end_of_one(pages: Pages) -> None:
     """Beneath a picture the first row of a table stood at the end of a page, the others on the next."""
     robot = picture(b"", "the robot")  # a part without one is whole anyway
     large = table(["place", "x mm"], [[f"place {n}", f"{n}"] for n in range(23)])
-    printed = print_pdf(page("Report", [section("Placement", [robot, *[large] * 3])]))
-    assert printed.count(b"/MediaBox") == 3
+    assert pages(page("Report", [section("Placement", [robot, *[large] * 3])])) == 3
 
 
 def test_the_page_is_printed_as_pdf(printed: bytes) -> None:

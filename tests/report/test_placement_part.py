@@ -5,6 +5,8 @@ from __future__ import annotations
 import base64
 from dataclasses import replace
 
+import pytest
+
 from ronnaplan.case.folder import Case
 from ronnaplan.documents.fiducials import FiducialsDocument
 from ronnaplan.documents.placement import HeldEntry, MarkerEntry, PlacementDocument
@@ -12,6 +14,7 @@ from ronnaplan.planning import Plan
 from ronnaplan.report.html import html_of
 from ronnaplan.report.overview import View
 from ronnaplan.report.placement_part import placement_part
+from ronnaplan.scene.vtk import NoGraphicsError
 from tests import cases
 from tests.documents.placements import NEAR, placed
 
@@ -19,7 +22,11 @@ UNDRAWN = View([], b"", b"")
 """Of a report of which no picture is looked at: to draw one takes two seconds."""
 
 
-def test_the_report_tells_places_margins_and_what_they_do_not_cover() -> None:
+def test_the_report_tells_places_margins_and_what_they_do_not_cover(monkeypatch: pytest.MonkeyPatch) -> None:
+    def without(*_: object) -> None:
+        raise NoGraphicsError("filled in it is drawn sooner")
+
+    monkeypatch.setattr("ronnaplan.scene.picture.rendered", without)
     plan = cases.plan()
     plan = plan.add(replace(plan.trajectory("left"), name="later"))
     part = placement_part(Case(plan=plan, placement=placed()))
@@ -41,7 +48,7 @@ def test_the_report_tells_places_margins_and_what_they_do_not_cover() -> None:
         in "".join(html_of(placement_part(Case(plan=plan, placement=held), UNDRAWN).body))
     )
     blocked = placed(robot_from_ct=(), status="blocked", blocked=("joint 5 is beyond its limit",))
-    part = placement_part(Case(plan=cases.plan(), placement=blocked))
+    part = placement_part(Case(plan=cases.plan(), placement=blocked), UNDRAWN)
     assert part.warnings == ["no place of the robot serves all: joint 5 is beyond its limit"]
     assert not placement_part(Case(plan=cases.plan())).body
 
