@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from kernelcache import njit
 from ronnaplan.geometry import FloatArray
+from ronnaplan.robot.arm.compiled import ALL
 from ronnaplan.robot.placement.clearances import Standing, parked, posture_margins, standing_on
 from ronnaplan.robot.placement.following import NOTHING, follow, hoped, settled_at, worth_of_joints
 from ronnaplan.robot.placement.machine import Machine
@@ -154,6 +155,23 @@ def judge_task(
             if best >= enough:
                 return best
     return best
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def worth_of_each(
+    machine: Machine, world: World, ways: Ways, standing: Standing, task: int, worths: FloatArray
+) -> None:
+    """Fill ``worths`` (N, 8) with what each posture is worth along each way of ``task``; `NOTHING` if it serves not."""
+    flanges, instrument = ways.flanges[ways.firsts[task] : ways.firsts[task + 1]], ways.instruments[task]
+    angles, margins = np.empty((ways.steps[task], 8, 6)), np.empty((8, 2))
+    for n in range(len(flanges)):
+        follow(machine, world.needs, standing.from_room, flanges[n], ALL, 0.0, angles, margins)
+        for b in range(8):
+            worths[n, b] = NOTHING
+            if margins[b, 0] > 0.0:
+                worths[n, b] = worth_along(
+                    machine, world, standing, flanges[n], instrument, b, angles, margins[b], 0.0
+                )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -25,7 +25,7 @@ from ronnaplan.robot.placement.search import (
     scattered,
     worths,
 )
-from ronnaplan.robot.placement.serving import Served, serve
+from ronnaplan.robot.placement.serving import Served, least_worth, serve
 from ronnaplan.robot.placement.tasks import Fineness, Task
 from ronnaplan.threads import in_threads
 from ronnaplan.transforms import invert, transform_points
@@ -107,7 +107,7 @@ def find_places(job: Job) -> Placement:
         missing = PLACES - sum(not one.route.stuck for one in found)
     if not found:
         return Placement(job.room_from_ct, (), ("looked at closely, no base serves every task all along its way",))
-    found.sort(key=lambda one: len(one.route.stuck))
+    found.sort(key=lambda one: (len(one.route.stuck), -least_worth(job.world, one.served)))
     return Placement(job.room_from_ct, tuple(found[:PLACES]), ())
 
 

@@ -19,7 +19,7 @@ from ronnaplan.robot.placement.clearances import posture_margins, standing_on
 from ronnaplan.robot.placement.machine import Machine
 from ronnaplan.robot.placement.order import LESS, cheapest, shortest
 from ronnaplan.robot.placement.search import Problem
-from ronnaplan.robot.placement.serving import Served
+from ronnaplan.robot.placement.serving import Served, serve_otherwise
 from ronnaplan.robot.placement.world import CLEARANCE_NEED, World
 
 STEP_DEG = 2.0
@@ -88,12 +88,12 @@ def plan_route(
 ) -> tuple[Route, tuple[Served, ...]]:
     """Return the way through all ``served``: the markers first, then the trajectories, each from its own beginning.
 
-    With it come the ``served`` by the whole turns that the way takes them with; the least margin of all of them stays.
+    With it come the ``served``, in the order of the ``problem``, by the whole turns that the way takes them with; the
+    least margin of all of them stays. One that no free move reaches is taken by the best of its ways that one does.
     """
     reference = _reference(problem, served, reference_deg)
     moves = _Moves(problem, base, reference)
-    least_deg = min((one.joint_deg for one in served), default=0.0)
-    turned = [_reached(moves, _turns(problem, one, least_deg)) for one in served]
+    served, turned = _with_turns(moves, served)
     stuck = [n for n, choices in enumerate(turned) if not len(choices)]
     groups = [
         [n for n, one in enumerate(served) if one.kind == kind and n not in stuck]
@@ -143,6 +143,27 @@ def _reference(problem: Problem, served: Sequence[Served], reference_deg: FloatA
         reference[0] += float(np.median(np.where(within, near, firsts)))
     reference[0] = np.clip(reference[0], *limits)
     return reference
+
+
+def _with_turns(moves: _Moves, served: Sequence[Served]) -> tuple[list[Served], list[FloatArray]]:
+    """Return the tasks, and the turns (T, 6) by which the reference reaches each, of one that is stuck none.
+
+    None is taken by another of its ways where the reference itself is not free, as no way leads from it.
+    """
+    least_deg = min((one.joint_deg for one in served), default=0.0)
+
+    def turns(one: Served) -> FloatArray:
+        return _reached(moves, _turns(moves.problem, one, min(least_deg, one.joint_deg)))
+
+    if not np.isfinite(moves.direct(moves.reference, moves.reference)):
+        return list(served), [turns(one) for one in served]
+    taken = [
+        one
+        if len(turns(one))
+        else serve_otherwise(moves.problem, one, n, moves.base, lambda other: len(turns(other)) > 0) or one
+        for n, one in enumerate(served)
+    ]
+    return taken, [turns(one) for one in taken]
 
 
 def _turns(problem: Problem, one: Served, least_deg: float) -> FloatArray:

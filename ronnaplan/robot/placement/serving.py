@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.placement.search import Problem
 from ronnaplan.robot.placement.tasks import Kind, Task
+from ronnaplan.robot.placement.world import World
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +40,45 @@ def serve(problem: Problem, tasks: tuple[Task, ...], base: FloatArray) -> tuple[
     )
 
 
-def _served(problem: Problem, task: Task, number: int, base: FloatArray, way: int, posture: int) -> Served:
+def serve_otherwise(
+    problem: Problem, task: Task | Served, number: int, base: FloatArray, suits: Callable[[Served], bool]
+) -> Served | None:
+    """Return how ``task``, the one of that ``number`` in ``problem``, is served by the best way that ``suits``.
+
+    Each way and posture that serves is asked for, the best first; None where none suits.
+    """
+    from ronnaplan.robot.placement.clearances import standing_on
+    from ronnaplan.robot.placement.judging import worth_of_each
+
+    ways = problem.ways
+    worths = np.empty((int(ways.firsts[number + 1] - ways.firsts[number]), 8))
+    worth_of_each(problem.machine, problem.world, ways, standing_on(problem.machine, base), number, worths)
+    for place in np.argsort(-worths, axis=None, kind="stable").tolist():
+        way, posture = divmod(place, 8)
+        if worths[way, posture] < 0.0:
+            return None
+        if suits(one := _served(problem, task, number, base, way, posture)):
+            return one
+    return None
+
+
+def least_worth(world: World, served: Sequence[Served]) -> float:
+    """Return what the worst of the tasks is worth, by which places are compared."""
+    from ronnaplan.robot.placement.following import worth_of_joints
+    from ronnaplan.robot.placement.judging import worth_at_most
+
+    return min(
+        min(
+            worth_of_joints(world.needs, *np.radians([one.joint_deg, one.singularity_deg])),
+            worth_at_most(world, one.clearance_mm, float(np.radians(one.tracker_deg))),
+        )
+        for one in served
+    )
+
+
+def _served(
+    problem: Problem, task: Task | Served, number: int, base: FloatArray, way: int, posture: int
+) -> Served:
     from ronnaplan.robot.placement.clearances import posture_margins, standing_on
     from ronnaplan.robot.placement.following import follow, settle
 

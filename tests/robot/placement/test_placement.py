@@ -33,7 +33,7 @@ from ronnaplan.robot.placement.placement import COARSE, Placement, check_parked,
 from ronnaplan.robot.placement.room import Box, Capsule, Floor, HeadPose, Margins, Parking, Tool, base_pose
 from ronnaplan.robot.placement.route import Route, plan_route
 from ronnaplan.robot.placement.search import Problem, asking, grid, within, worths
-from ronnaplan.robot.placement.serving import Served
+from ronnaplan.robot.placement.serving import Served, serve, serve_otherwise
 from ronnaplan.robot.placement.tasks import drill_task
 from ronnaplan.robot.placement.world import world_of
 from ronnaplan.transforms import transform_points
@@ -334,6 +334,51 @@ def test_a_base_from_where_all_ways_are_free_comes_before_one_that_is_better_but
     monkeypatch.setattr("ronnaplan.robot.placement.placement.plan_route", stuck_at_first)
     places = find_places(job(0, 1, 0, floor=WIDE)).places
     assert [place.room_from_r.tolist() for place in places] == [bases[n].tolist() for n in (1, 2, 3)]
+
+
+def test_a_base_whose_tasks_are_reached_by_worse_ways_alone_comes_after_those_that_are_better(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bases: list[FloatArray] = []
+
+    def worse_at_first(problem: Problem, base: FloatArray, *given: Any) -> tuple[Route, tuple[Served, ...]]:
+        route, turned = plan_route(problem, base, *given)
+        bases.append(base)
+        return route, tuple(replace(one, joint_deg=6.0) for one in turned) if len(bases) == 1 else turned
+
+    monkeypatch.setattr("ronnaplan.robot.placement.placement.plan_route", worse_at_first)
+    places = find_places(job(0, 1, 0, floor=WIDE)).places
+    assert [place.room_from_r.tolist() for place in places][-1] == bases[0].tolist()
+    assert len(places) == 3
+
+
+def test_a_task_whose_best_ways_no_free_move_reaches_is_taken_by_another(
+    found: tuple[Job, Placement], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given, placement = found
+    base, problem, task = placement.places[0].room_from_r, given.problem(COARSE), given.tasks[0]
+    served = serve(problem, given.tasks, base)
+    best = tuple(one for one in served if one is not None)
+    barred = np.radians(best[0].angles_deg[0])
+    again = serve_otherwise(problem, task, 0, base, lambda _: True)
+    assert again is not None
+    np.testing.assert_array_equal(again.angles_deg, best[0].angles_deg)
+
+    def leads_elsewhere(*given: Any) -> bool:
+        return not any((np.cos(end - barred) > np.cos(np.radians(25.0))).all() for end in given[3])
+
+    monkeypatch.setattr("ronnaplan.robot.placement.route.is_free", leads_elsewhere)
+    route, (taken, *others) = plan_route(problem, base, best, np.array(given.room.reference_deg))
+    assert route.stuck == ()
+    assert "T0" in route.order
+    apart_deg = taken.angles_deg[0] - best[0].angles_deg[0]
+    assert np.abs((apart_deg + 180.0) % 360.0 - 180.0).max() > 25.0
+    tips = (base @ forward(kr6_r900(), np.radians(taken.angles_deg)) @ task.flange_from_tip)[:, :3, 3]
+    np.testing.assert_allclose(tips[[0, -1]], [task.starts_mm[0], task.ends_mm[0]], atol=1e-6)
+    asked = given.room.margins
+    assert taken.joint_deg >= asked.joint_deg
+    assert taken.clearance_mm >= asked.clearance_mm
+    assert [one.clearance_mm for one in others] == [one.clearance_mm for one in best[1:]]
 
 
 def test_the_document_says_the_same(found: tuple[Job, Placement]) -> None:
