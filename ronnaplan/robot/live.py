@@ -25,7 +25,7 @@ from ronnaplan.robot.twists import twist
 from ronnaplan.sigmas import SIGMA_OTS_MM, SIGMA_ROBOT_DEG, SIGMA_ROBOT_MM
 from ronnaplan.text import listed
 from ronnaplan.tracking import PointReading, Recording, ToolReading
-from ronnaplan.tracking.frames import LARGEST_STEP_MM, labelled_frames
+from ronnaplan.tracking.frames import LARGEST_STEP_MM, TWICE_MM, is_doubled, labelled_frames
 from ronnaplan.tracking.recording import OK
 from ronnaplan.transforms import adjoint, carried, invert
 
@@ -218,7 +218,14 @@ def _too_few(recording: Recording, followed: Points) -> str:
     places = np.array([one.position_mm for one in recording.points if one.usable]).reshape(-1, 1, 3)
     away_mm = np.linalg.norm(places - followed.positions_mm, axis=2).min(axis=1)
     if not len(away_mm) or float(np.median(away_mm)) <= LARGEST_STEP_MM:
-        return told
+        last = max((one.frame for one in recording.points if one.usable), default=0)
+        here = np.array([one.position_mm for one in recording.points if one.usable and one.frame == last])
+        if not any(is_doubled(here, number) for number in range(len(here))):
+            return told
+        return (
+            f"{told}; markers are read at two places of one frame, less than {TWICE_MM:g} mm apart, of which one may "
+            "be of before a movement: let the tracker send each once"
+        )
     return (
         f"{told}; most points are {np.median(away_mm):.0f} mm and more from where markers were last: if these are the "
         "head's, it was moved; register again"

@@ -12,6 +12,8 @@ from ronnaplan.tracking.stray import MOST_MARKERS, MOST_STRAYS
 
 LARGEST_STEP_MM = 20.0
 """A marker is not followed further than this between frames, nor than half the way to its nearest neighbour."""
+TWICE_MM = 5.0
+"""No two markers are so near to each other: one was read twice, or something beside it, and neither reading counts."""
 MOST_SEEN = MOST_MARKERS + MOST_STRAYS
 """No tracker sees more in one frame; each is compared with each known marker."""
 
@@ -21,8 +23,9 @@ def labelled_frames(
 ) -> list[tuple[int, Points]]:
     """Return (frame number, markers seen) of each frame of ``recording``, with the labels of ``reference``.
 
-    Each marker is followed from its reference position on. ``sigma_mm`` is the error per axis of a reading
-    that does not state its own. Raises `FrameMismatchError` for a recording in another frame, `InputError`
+    Each marker is followed from its reference position on. One that has two readings within `TWICE_MM`, of which
+    either may be of before a movement, is not seen. ``sigma_mm`` is the error per axis of a reading that does not
+    state its own. Raises `FrameMismatchError` for a recording in another frame, `InputError`
     for a reference of fewer than two markers and for more than `MOST_SEEN` readings in one frame.
     """
     from scipy.spatial.distance import pdist
@@ -44,7 +47,8 @@ def labelled_frames(
         current = by_frame[number]
         if len(current) > MOST_SEEN:
             raise InputError(f"frame {number} holds {len(current)} readings; expected {MOST_SEEN} at most")
-        pairs = _assign(np.array([r.position_mm for r in current]).reshape(-1, 3), last, gate)
+        places = np.array([r.position_mm for r in current]).reshape(-1, 3)
+        pairs = [(i, j) for i, j in _assign(places, last, gate) if not is_doubled(places, i)]
         for i, j in pairs:
             last[j] = current[i].position_mm
         frames.append((number, _points(current, pairs, reference, sigma_mm)))
@@ -60,6 +64,12 @@ def _assign(current_mm: FloatArray, last_mm: FloatArray, gate_mm: float) -> list
     distance = cdist(current_mm, last_mm)
     rows, columns = linear_sum_assignment(np.where(distance > gate_mm, 1e6, distance))
     return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if distance[i, j] <= gate_mm]
+
+
+def is_doubled(places_mm: FloatArray, number: int) -> bool:
+    """Whether another of the readings (N, 3) lies beside that of a ``number``; the same place told again does not."""
+    apart_mm = np.linalg.norm(places_mm - places_mm[number], axis=1)
+    return bool(((apart_mm > 0.0) & (apart_mm < TWICE_MM)).any())
 
 
 def _points(

@@ -75,6 +75,16 @@ def test_a_head_whose_readings_do_not_count_is_unseen_with_the_reason(room: Live
     assert moment.why.endswith(f"off one line are seen; {len(frozen)} readings say 'repeated'")
 
 
+def test_a_head_that_moved_is_not_valid_where_its_former_places_are_sent_along(room: LiveRoom) -> None:
+    chain = live(room)
+    moved = recording(replace(room, head_moved=placed(Rotation.identity(), np.array([1.2, 0, 0]))))
+    both = replace(moved, points=(*moved.points, *recording(room).points))
+    moment = chain.judge(both)
+    assert moment.status is LiveStatus.UNSEEN
+    assert moment.robot_from_ct is None
+    assert "markers are read at two places of one frame, less than 5 mm apart" in moment.why
+
+
 def test_a_head_that_is_seen_far_from_where_it_was_is_told_so(room: LiveRoom) -> None:
     """A jump farther than markers are followed was told as if none of them were seen."""
     chain = live(room)

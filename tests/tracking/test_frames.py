@@ -30,6 +30,15 @@ def test_a_slowly_moving_head_keeps_its_labels_in_any_order_and_with_dropouts() 
             np.testing.assert_allclose(place, expected[label])
 
 
+def test_a_marker_that_is_read_at_two_places_of_one_frame_is_not_seen_there() -> None:
+    moved = PLACES[:2] + np.array([1.2, 0, 0])
+    twice = [PointReading(0, place) for place in (*PLACES, *moved)]
+    again = [PointReading(1, place) for place in (*PLACES, *PLACES)]
+    (_, first), (_, second) = labelled_frames(Recording("test", (*twice, *again)), REFERENCE)
+    assert first.labels == ("F3",)
+    assert sorted(second.labels) == ["F1", "F2", "F3"]
+
+
 def test_a_frame_without_usable_readings_is_kept_empty() -> None:
     recording = Recording("test", (PointReading(4, np.full(3, np.nan), status="missing"),))
     ((number, points),) = labelled_frames(recording, REFERENCE)
