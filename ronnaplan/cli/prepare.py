@@ -72,7 +72,8 @@ def place_robot() -> None:
     from ronnaplan.documents.room_example import example_room
     from ronnaplan.robot.arm.kuka import kr6_r900
     from ronnaplan.robot.placement.job import Job
-    from ronnaplan.robot.placement.placement import find_places
+    from ronnaplan.robot.placement.placement import COARSE, find_places
+    from ronnaplan.robot.placement.serving import serve_otherwise
     from ronnaplan.robot.placement.tasks import drill_task, view_task
     from ronnaplan.robot.placement.world import world_of
 
@@ -87,7 +88,9 @@ def place_robot() -> None:
     )
     head = center + 80.0 * np.concatenate([np.eye(3), -np.eye(3)])
     tracker = None if room.tracker is None else np.array(room.tracker.position_mm)
-    find_places(Job(kr6_r900(), room, np.eye(4), tasks, world_of(room, head, tracker)))
+    job = Job(kr6_r900(), room, np.eye(4), tasks, world_of(room, head, tracker))
+    for place in find_places(job).places:  # as where no free move reaches a task's best way
+        serve_otherwise(job.problem(COARSE), tasks[0], 0, place.room_from_r, lambda _: True)
 
 
 def see_sphere() -> None:

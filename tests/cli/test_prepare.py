@@ -48,10 +48,13 @@ for seed, (counts, outliers) in enumerate([((12,), 8), ((20, 20), 0), ((40,), 60
         match_points(ots, ct, sigma_ct_mm=0.3)
 """
 PLACED = """
-from ronnaplan.robot.placement.placement import find_places
+from ronnaplan.robot.placement.placement import COARSE, find_places
 from ronnaplan.robot.placement.room import Floor
+from ronnaplan.robot.placement.serving import serve_otherwise
 from tests.robot.placement.cases import job
-find_places(job(1, 2, 1, floor=Floor((-800.0, -650.0), (-600.0, -500.0), (850.0, 900.0))))
+given = job(1, 2, 1, floor=Floor((-800.0, -650.0), (-600.0, -500.0), (850.0, 900.0)))
+place = find_places(given).places[0]
+assert serve_otherwise(given.problem(COARSE), given.tasks[0], 0, place.room_from_r, lambda _: True)
 """
 SEEN = """
 import numpy as np
