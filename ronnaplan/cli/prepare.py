@@ -94,11 +94,12 @@ def place_robot() -> None:
 
 
 def see_sphere() -> None:
-    """Find the outlines of balls in images that are made for this: of either kind, evenly bright and lit from aside."""
+    """Find balls, and the noise about them, in images made for this: of two kinds, evenly bright and lit from aside."""
     import numpy as np
 
     from ronnaplan.robot.stereo.camera import Camera
     from ronnaplan.robot.stereo.outline import find_outlines
+    from ronnaplan.robot.stereo.response import noise_beside
 
     camera = Camera(np.array([[1000.0, 0.0, 80.0], [0.0, 1000.0, 80.0], [0.0, 0.0, 1.0]]), np.zeros(5), np.eye(4))
     rows, columns = (one - 80.0 for one in np.mgrid[:160, :160])
@@ -106,8 +107,9 @@ def see_sphere() -> None:
     aside = 0.8 * np.sqrt(np.clip(1.0 - (far / 30.0) ** 2, 0.0, 1.0)) + 0.6 * columns / 30.0
     noise = np.random.default_rng(0).normal(0.0, 2.0, far.shape)
     for lit, kind in ((1.0, np.uint8), (0.4 + 0.6 * np.clip(aside, 0.0, 1.0), np.float64)):
-        image = 20.0 + 150.0 * lit * np.clip(30.5 - far, 0.0, 1.0) + noise
-        find_outlines(image.astype(kind), camera)
+        image = (20.0 + 150.0 * lit * np.clip(30.5 - far, 0.0, 1.0) + noise).astype(kind)
+        for outline in find_outlines(image, camera):
+            noise_beside(image, *outline.in_image(camera))
 
 
 def made_scan(*, whole: bool) -> CTVolume:

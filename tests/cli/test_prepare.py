@@ -61,9 +61,12 @@ import numpy as np
 from phantoms.cameras import sphere_image
 from ronnaplan.robot.stereo.camera import Camera
 from ronnaplan.robot.stereo.outline import find_outlines
+from ronnaplan.robot.stereo.response import noise_beside
 matrix = np.array([[4200.0, 0, 650], [0, 4195, 500], [0, 0, 1]])
 image = sphere_image([np.array([1.0, 2.0, 300.0])], 11.5, matrix, np.zeros(5), np.random.default_rng(0))
-assert find_outlines(image, Camera(matrix, np.zeros(5), np.eye(4)))
+camera = Camera(matrix, np.zeros(5), np.eye(4))
+(outline,) = find_outlines(image, camera)
+assert noise_beside(image, *outline.in_image(camera)) > 0.0
 """
 
 

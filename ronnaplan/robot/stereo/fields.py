@@ -21,7 +21,7 @@ def require_one_moment(
 ) -> None:
     """Raise `RefusedError` where the odd rows of one of the ``images`` show the ball ``seen`` beside the even ones."""
     for side, image, camera, one in zip(("left", "right"), images, cameras, seen, strict=True):
-        shift, sd = rows_apart(image, camera.pixels(one.direction[None])[0], one.half_angle * camera.focal_px)
+        shift, sd = rows_apart(image, *one.in_image(camera))
         if shift > max(LARGEST_SHIFT_PX, SHIFT_SDS * sd):
             raise RefusedError(
                 f"odd rows of the {side} image show the sphere {shift:.1f} pixels beside the even ones, as of an "

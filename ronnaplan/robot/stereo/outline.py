@@ -73,6 +73,10 @@ class _Seen:
         """Return how far from the camera the center of a sphere of ``diameter_mm`` is."""
         return float(diameter_mm / 2 / np.sin(self.half_angle))
 
+    def in_image(self, camera: Camera) -> tuple[FloatArray, float]:
+        """Return its center (2,), column and row, and its radius in the image of ``camera``, px."""
+        return camera.pixels(self.direction[None])[0], self.half_angle * camera.focal_px
+
 
 @dataclass(frozen=True, eq=False)
 class Cone(_Seen):
@@ -137,7 +141,7 @@ def _fitted(grey: Image, cone: Cone, camera: Camera) -> tuple[ShadedSphere, floa
     any light; as one in its own shadow; by its rim alone, most of which a cable or a highlight in the middle leaves
     clean; without what is finer on it than light, as dust all over; and by its limb alone, from the cone on.
     """
-    ball = camera.pixels(cone.direction[None])[0], cone.half_angle * camera.focal_px
+    ball = cone.in_image(camera)
     noise, most = noise_on(grey, *ball), NO_BALL * noise_on(grey, *ball, apart=SMOOTH_PX)
     expected = camera, cone.direction, cone.half_angle, cone.rays
     found = _before_its_ground(find_shaded(grey, *expected), noise)

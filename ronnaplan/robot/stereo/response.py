@@ -14,7 +14,8 @@ from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.stereo.camera import Camera
 from ronnaplan.robot.stereo.circles import Image
 from ronnaplan.robot.stereo.outline import Outline
-from ronnaplan.robot.stereo.pixel_noise import FEWEST_PIXELS, INSIDE, LEAST_NOISE, roughness
+from ronnaplan.robot.stereo.pixel_noise import FEWEST_PIXELS, INSIDE, LEAST_NOISE
+from ronnaplan.robot.stereo.pixel_noise_compiled import roughness_about
 
 BESIDE = (1.25, 1.9)
 """What is beside the ball, in its radii."""
@@ -29,7 +30,7 @@ def require_linear(
 ) -> None:
     """Raise `RefusedError` where the noise of both ``images`` is less on the ball that is ``seen`` than beside it."""
     ratio = min(
-        noise_beside(image, camera.pixels(one.direction[None])[0], one.half_angle * camera.focal_px)
+        noise_beside(image, *one.in_image(camera))
         for image, camera, one in zip(images, cameras, seen, strict=True)
     )
     if ratio > FALLING:
@@ -48,22 +49,14 @@ def noise_beside(grey: Image, middle_px: FloatArray, radius_px: float) -> float:
     low = np.clip(np.floor(middle_px - reach), 0, grey.shape[::-1]).astype(int)
     high = np.clip(np.ceil(middle_px + reach) + 1, low, grey.shape[::-1]).astype(int)
     window = np.asarray(grey[low[1] : high[1], low[0] : high[0]], dtype=np.float64)
-    if min(window.shape) < 3:
-        return 0.0
-    rough, window = roughness(window), window[1:-1, 1:-1]
-    across = np.arange(low[0] + 1, high[0] - 1) - middle_px[0]
-    down = np.arange(low[1] + 1, high[1] - 1)[:, None] - middle_px[1]
-    away = np.hypot(across, down) / radius_px
-    inside, beside = away < INSIDE, (away > BESIDE[0]) & (away < BESIDE[1])
     brightest = float(grey.max())
-    if inside.sum() < FEWEST_PIXELS or (window[inside] == brightest).sum() >= FEWEST_PIXELS:
+    (on_ball, pixels, bright), sums, counts = roughness_about(
+        window, middle_px - low, radius_px, INSIDE, BESIDE, SECTORS, brightest
+    )
+    if pixels < FEWEST_PIXELS or bright >= FEWEST_PIXELS:
         return 0.0
-    turn = np.arctan2(np.broadcast_to(down, beside.shape)[beside], np.broadcast_to(across, beside.shape)[beside])
-    sector = ((turn / (2 * np.pi) + 0.5) * SECTORS).astype(int) % SECTORS
-    counts = np.bincount(sector, minlength=SECTORS)
     told = counts >= FEWEST_PIXELS
     if not told.any():
         return 0.0
-    sums = np.bincount(sector, weights=rough[beside], minlength=SECTORS)
     noise = float(np.quantile(sums[told] / counts[told], QUIET))
-    return noise / max(float(rough[inside].mean()), LEAST_NOISE * brightest)
+    return noise / max(on_ball / pixels, LEAST_NOISE * brightest)
