@@ -73,7 +73,7 @@ def place_robot() -> None:
     from ronnaplan.robot.arm.kuka import kr6_r900
     from ronnaplan.robot.placement.job import Job
     from ronnaplan.robot.placement.placement import COARSE, find_places
-    from ronnaplan.robot.placement.serving import serve_otherwise
+    from ronnaplan.robot.placement.serving import served_by_each
     from ronnaplan.robot.placement.tasks import drill_task, view_task
     from ronnaplan.robot.placement.world import world_of
 
@@ -90,7 +90,7 @@ def place_robot() -> None:
     tracker = None if room.tracker is None else np.array(room.tracker.position_mm)
     job = Job(kr6_r900(), room, np.eye(4), tasks, world_of(room, head, tracker))
     for place in find_places(job).places:  # as where no free move reaches a task's best way
-        serve_otherwise(job.problem(COARSE), tasks[0], 0, place.room_from_r, lambda _: True)
+        next(served_by_each(job.problem(COARSE), tasks[0], 0, place.room_from_r), None)
 
 
 def see_sphere() -> None:

@@ -50,11 +50,11 @@ for seed, (counts, outliers) in enumerate([((12,), 8), ((20, 20), 0), ((40,), 60
 PLACED = """
 from ronnaplan.robot.placement.placement import COARSE, find_places
 from ronnaplan.robot.placement.room import Floor
-from ronnaplan.robot.placement.serving import serve_otherwise
+from ronnaplan.robot.placement.serving import served_by_each
 from tests.robot.placement.cases import job
 given = job(1, 2, 1, floor=Floor((-800.0, -650.0), (-600.0, -500.0), (850.0, 900.0)))
 place = find_places(given).places[0]
-assert serve_otherwise(given.problem(COARSE), given.tasks[0], 0, place.room_from_r, lambda _: True)
+assert next(served_by_each(given.problem(COARSE), given.tasks[0], 0, place.room_from_r))
 """
 SEEN = """
 import numpy as np

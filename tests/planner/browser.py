@@ -6,7 +6,6 @@ import importlib.util
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -22,11 +21,10 @@ import numpy as np
 import pytest
 
 from ronnaplan.documents.plan import read_plan
+from ronnaplan.report.pdf import find_browser
 from tests import cases
 
-NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
-"""The first is Chromium without windows of its own, which takes a quarter of the processor's time less."""
-BROWSER = next((found for name in NAMES if (found := shutil.which(name))), None)
+BROWSER = find_browser()
 
 ADDRESS_BAR = ("WebUIOmniboxPopup", "WebUIOmniboxAimPopup")
 """What an address bar unfolds is a page of its own, which each new window would make: as dear as the planner's."""
@@ -189,6 +187,14 @@ def leave(context: Any) -> None:
         page.mouse.move(0, 0)
         page.is_left = True
     context.clear_cookies()
+
+
+@contextmanager
+def kept_open(browser: Any, url: str) -> Iterator[Any]:
+    """A tab that shows the planner to several tests, left then."""
+    page = opened(browser, url)
+    yield page
+    leave(page.context)
 
 
 def wait_until_whole(page: Any) -> None:

@@ -11,7 +11,7 @@ import pytest
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.storage import Storage
 from tests import cases
-from tests.planner.browser import Planner, chromium, is_left, leave, opened, planner
+from tests.planner.browser import Planner, chromium, is_left, kept_open, leave, planner
 
 
 @pytest.fixture
@@ -65,9 +65,8 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Planner]:
 @pytest.fixture(scope="module")
 def page(running_browser: Any, kept: Planner) -> Iterator[Any]:
     """One page for the tests of one module that leave each other's things alone: to load it takes most of a test."""
-    page = opened(running_browser, kept.url)
-    yield page
-    leave(page.context)
+    with kept_open(running_browser, kept.url) as page:
+        yield page
 
 
 @pytest.fixture(scope="session")

@@ -20,8 +20,8 @@ from tests.planner.browser import (
     Planner,
     eventually,
     fields,
+    kept_open,
     last_target,
-    leave,
     needs_browser,
     opened,
     place,
@@ -54,9 +54,8 @@ AXIAL = "document.querySelector('canvas[data-picture=axial]').dataset.number"
 @pytest.fixture(scope="module")
 def page(running_browser: Any, shared: Planner) -> Iterator[Any]:
     """One page for the tests here that plan nothing."""
-    page = opened(running_browser, shared.url)
-    yield page
-    leave(page.context)
+    with kept_open(running_browser, shared.url) as page:
+        yield page
 
 
 def sized(page: Any, width: int = 1280, height: int = 800) -> Any:

@@ -15,9 +15,8 @@ from tests.planner.browser import (
     crosshair,
     eventually,
     fields,
-    leave,
+    kept_open,
     needs_browser,
-    opened,
     seen_at,
     settled,
     value,
@@ -30,9 +29,8 @@ pytestmark = needs_browser
 @pytest.fixture(scope="module")
 def page(running_browser: Any, shared: Planner) -> Iterator[Any]:
     """One page for all tests here; they leave the plan as they found it."""
-    page = with_head(opened(running_browser, shared.url))
-    yield page
-    leave(page.context)
+    with kept_open(running_browser, shared.url) as page:
+        yield with_head(page)
 
 
 def drawn(page: Any, what: str, **named: str) -> dict[str, Any]:

@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.scratch import one_by_one
 from ronnaplan.ct.volume import CTVolume, VolumeFlag, Voxels
 from ronnaplan.geometry import FloatArray
@@ -75,8 +74,7 @@ def _at(volume: CTVolume, axis: int, places: _Places) -> CTVolume:
     steps_mm = [grid.row_step_mm, grid.column_step_mm]
     origins_mm = grid.origins_mm + at[0] * steps_mm[axis - 1]
     steps_mm[axis - 1] = places.step * steps_mm[axis - 1]
-    row_step_mm, column_step_mm = steps_mm
-    kept = SliceGrid(origins_mm, row_step_mm, column_step_mm, grid.thickness_mm)
+    kept = replace(grid, origins_mm=origins_mm, row_step_mm=steps_mm[0], column_step_mm=steps_mm[1])
     return replace(volume, voxels_hu=voxels_hu, grid=kept)
 
 

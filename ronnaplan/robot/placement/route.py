@@ -19,7 +19,7 @@ from ronnaplan.robot.placement.clearances import posture_margins, standing_on
 from ronnaplan.robot.placement.machine import Machine
 from ronnaplan.robot.placement.order import LESS, cheapest, shortest
 from ronnaplan.robot.placement.search import Problem
-from ronnaplan.robot.placement.serving import Served, serve_otherwise
+from ronnaplan.robot.placement.serving import Served, served_by_each
 from ronnaplan.robot.placement.world import CLEARANCE_NEED, World
 
 STEP_DEG = 2.0
@@ -151,19 +151,18 @@ def _with_turns(moves: _Moves, served: Sequence[Served]) -> tuple[list[Served], 
     None is taken by another of its ways where the reference itself is not free, as no way leads from it.
     """
     least_deg = min((one.joint_deg for one in served), default=0.0)
+    may_leave = np.isfinite(moves.direct(moves.reference, moves.reference))
 
-    def turns(one: Served) -> FloatArray:
-        return _reached(moves, _turns(moves.problem, one, min(least_deg, one.joint_deg)))
+    def with_turns(number: int, best: Served) -> tuple[Served, FloatArray]:
+        others = served_by_each(moves.problem, best, number, moves.base) if may_leave else ()
+        for one in itertools.chain([best], others):
+            found = _reached(moves, _turns(moves.problem, one, min(least_deg, one.joint_deg)))
+            if len(found):
+                return one, found
+        return best, np.empty((0, 6))
 
-    if not np.isfinite(moves.direct(moves.reference, moves.reference)):
-        return list(served), [turns(one) for one in served]
-    taken = [
-        one
-        if len(turns(one))
-        else serve_otherwise(moves.problem, one, n, moves.base, lambda other: len(turns(other)) > 0) or one
-        for n, one in enumerate(served)
-    ]
-    return taken, [turns(one) for one in taken]
+    taken = [with_turns(n, one) for n, one in enumerate(served)]
+    return [one for one, _ in taken], [found for _, found in taken]
 
 
 def _turns(problem: Problem, one: Served, least_deg: float) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,13 +40,8 @@ def serve(problem: Problem, tasks: tuple[Task, ...], base: FloatArray) -> tuple[
     )
 
 
-def serve_otherwise(
-    problem: Problem, task: Task | Served, number: int, base: FloatArray, suits: Callable[[Served], bool]
-) -> Served | None:
-    """Return how ``task``, the one of that ``number`` in ``problem``, is served by the best way that ``suits``.
-
-    Each way and posture that serves is asked for, the best first; None where none suits.
-    """
+def served_by_each(problem: Problem, task: Task | Served, number: int, base: FloatArray) -> Iterator[Served]:
+    """Yield how ``task``, the one of that ``number`` in ``problem``, is served by each way and posture, best first."""
     from ronnaplan.robot.placement.clearances import standing_on
     from ronnaplan.robot.placement.judging import worth_of_each
 
@@ -56,10 +51,8 @@ def serve_otherwise(
     for place in np.argsort(-worths, axis=None, kind="stable").tolist():
         way, posture = divmod(place, 8)
         if worths[way, posture] < 0.0:
-            return None
-        if suits(one := _served(problem, task, number, base, way, posture)):
-            return one
-    return None
+            return
+        yield _served(problem, task, number, base, way, posture)
 
 
 def least_worth(world: World, served: Sequence[Served]) -> float:

@@ -46,6 +46,13 @@ Image = NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float64]
 """Grey values (rows, columns)."""
 
 
+def box_about(shape: tuple[int, ...], middle_px: FloatArray, reach_px: float) -> tuple[slice, slice]:
+    """Return which rows and columns of an image of this ``shape`` are within reach of ``middle_px``, column and row."""
+    low = np.clip(np.floor(middle_px - reach_px), 0, shape[::-1]).astype(int).tolist()
+    high = np.clip(np.ceil(middle_px + reach_px) + 1, low, shape[::-1]).astype(int).tolist()
+    return slice(low[1], high[1]), slice(low[0], high[0])
+
+
 @dataclass(frozen=True, eq=False)
 class Circle:
     """A circle that edges support."""

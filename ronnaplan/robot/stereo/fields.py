@@ -7,7 +7,7 @@ import numpy as np
 from ronnaplan.errors import RefusedError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.stereo.camera import Camera
-from ronnaplan.robot.stereo.circles import Image
+from ronnaplan.robot.stereo.circles import Image, box_about
 from ronnaplan.robot.stereo.outline import Outline
 
 BESIDE = 1.2
@@ -36,10 +36,7 @@ def rows_apart(grey: Image, middle_px: FloatArray, radius_px: float) -> tuple[fl
     brightness' slope, one way in odd rows and the other way in even ones. So does a sharp edge along a row with the
     slope across rows, so that of a shift across them nothing is told.
     """
-    reach = BESIDE * radius_px
-    low = np.clip(np.floor(middle_px - reach), 0, grey.shape[::-1]).astype(int)
-    high = np.clip(np.ceil(middle_px + reach) + 1, low, grey.shape[::-1]).astype(int)
-    window = np.asarray(grey[low[1] : high[1], low[0] : high[0]], dtype=np.float64)
+    window = np.asarray(grey[box_about(grey.shape, middle_px, BESIDE * radius_px)], dtype=np.float64)
     if min(window.shape) < 3:
         return 0.0, float("inf")
     sides = (window[:-2] + window[2:]) / 2

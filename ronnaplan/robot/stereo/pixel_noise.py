@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.stereo.circles import Image
+from ronnaplan.robot.stereo.circles import Image, box_about
 
 INSIDE = 0.75
 """What is of a ball, in its radii."""
@@ -25,13 +25,12 @@ def noise_on(grey: Image, middle_px: FloatArray, radius_px: float, *, apart: int
     from one to the next, but not to the one after.
     """
     reach = INSIDE * radius_px
-    low = np.clip(np.floor(middle_px - reach), 0, grey.shape[::-1]).astype(int)
-    high = np.clip(np.ceil(middle_px + reach) + 1, low, grey.shape[::-1]).astype(int)
-    window = np.asarray(grey[low[1] : high[1], low[0] : high[0]], dtype=np.float64)
+    rows, columns = box_about(grey.shape, middle_px, reach)
+    window = np.asarray(grey[rows, columns], dtype=np.float64)
     if min(window.shape) < 2 * apart + 1:
         return float("inf")
-    across = np.arange(low[0] + apart, high[0] - apart) - middle_px[0]
-    down = np.arange(low[1] + apart, high[1] - apart)[:, None] - middle_px[1]
+    across = np.arange(columns.start + apart, columns.stop - apart) - middle_px[0]
+    down = np.arange(rows.start + apart, rows.stop - apart)[:, None] - middle_px[1]
     brightest = float(grey.max())
     told = (np.hypot(across, down) < reach) & ~_beside(window == brightest, apart)
     if told.sum() < FEWEST_PIXELS:

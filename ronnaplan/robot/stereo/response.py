@@ -12,7 +12,7 @@ import numpy as np
 from ronnaplan.errors import RefusedError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.stereo.camera import Camera
-from ronnaplan.robot.stereo.circles import Image
+from ronnaplan.robot.stereo.circles import Image, box_about
 from ronnaplan.robot.stereo.outline import Outline
 from ronnaplan.robot.stereo.pixel_noise import FEWEST_PIXELS, INSIDE, LEAST_NOISE
 from ronnaplan.robot.stereo.pixel_noise_compiled import roughness_about
@@ -45,13 +45,11 @@ def noise_beside(grey: Image, middle_px: FloatArray, radius_px: float) -> float:
 
     The ball is about ``middle_px`` (2,), column and row.
     """
-    reach = BESIDE[1] * radius_px
-    low = np.clip(np.floor(middle_px - reach), 0, grey.shape[::-1]).astype(int)
-    high = np.clip(np.ceil(middle_px + reach) + 1, low, grey.shape[::-1]).astype(int)
-    window = np.asarray(grey[low[1] : high[1], low[0] : high[0]], dtype=np.float64)
+    rows, columns = box_about(grey.shape, middle_px, BESIDE[1] * radius_px)
+    window = np.ascontiguousarray(grey[rows, columns], dtype=np.float64)
     brightest = float(grey.max())
     (on_ball, pixels, bright), sums, counts = roughness_about(
-        window, middle_px - low, radius_px, INSIDE, BESIDE, SECTORS, brightest
+        window, middle_px - [columns.start, rows.start], radius_px, INSIDE, BESIDE, SECTORS, brightest
     )
     if pixels < FEWEST_PIXELS or bright >= FEWEST_PIXELS:
         return 0.0

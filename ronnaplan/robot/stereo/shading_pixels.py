@@ -10,7 +10,7 @@ import numpy as np
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.stereo.camera import Camera
-from ronnaplan.robot.stereo.circles import Image
+from ronnaplan.robot.stereo.circles import Image, box_about
 from ronnaplan.robot.stereo.shading_compiled import Flags, Integers, gather
 
 ARC_PX = 8.0
@@ -72,15 +72,15 @@ def pixels_near(
     grid, inverse = _bend()
     rays = camera.rays(middle + scale * grid)
     bend = np.ascontiguousarray(inverse @ ((rays @ across) / (rays @ axis)[:, None] * focal))
-    low = np.clip(np.floor(middle - scale), 0, grey.shape[::-1]).astype(np.int64)
-    high = np.clip(np.ceil(middle + scale) + 1, low, grey.shape[::-1]).astype(np.int64)
-    window = np.ascontiguousarray(grey[low[1] : high[1], low[0] : high[0]], dtype=np.float64)
+    rows, columns = box_about(grey.shape, middle, scale)
+    window = np.ascontiguousarray(grey[rows, columns], dtype=np.float64)
     count = int(np.clip(2 * np.pi * radius / ARC_PX, FEWEST_SECTORS, MOST_SECTORS))
     edge = min(EDGE_PX, radius)
     block = int(np.ceil((radius - edge) * np.sqrt(np.pi / MOST_INSIDE)))
     bounds, brightest = (OUTWARD_PX, edge), float(np.nanmax(grey))
     clipped_at = brightest if np.count_nonzero(window == brightest) >= MANY else np.inf
-    gathered = gather(window, bend, middle - low, scale, radius, bounds, count, max(block, 1), clipped_at)
+    middle = middle - [columns.start, rows.start]
+    gathered = gather(window, bend, middle, scale, radius, bounds, count, max(block, 1), clipped_at)
     found = Pixels(*gathered, focal, clipped_at)
     if part is Part.RIM:
         return beyond(found, np.zeros(2), radius - max(RIM_PX, RIM * radius))

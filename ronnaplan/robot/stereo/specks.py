@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from ronnaplan.geometry import FloatArray
-from ronnaplan.robot.stereo.circles import Image
+from ronnaplan.robot.stereo.circles import Image, box_about
 
 WIDTHS, LEAST_PX = (0.08, 0.16, 0.32), 3
 """How far to both sides of a pixel the ball is looked at, in its radii: what is wider is light."""
@@ -27,15 +27,15 @@ def without_specks(grey: Image, middle_px: FloatArray, radius_px: float, noise: 
     The ball is about ``middle_px`` (2,), column and row, and its pixels have that ``noise``. A speck is brighter, or
     darker, than the ball on both of its sides; of what has none on one, as it reaches the edge, nobody can tell.
     """
-    low = np.clip(np.floor(middle_px - radius_px), 0, grey.shape[::-1]).astype(int)
-    high = np.clip(np.ceil(middle_px + radius_px) + 1, low, grey.shape[::-1]).astype(int)
-    across, down = np.arange(low[0], high[0]) - middle_px[0], np.arange(low[1], high[1])[:, None] - middle_px[1]
+    rows, columns = box = box_about(grey.shape, middle_px, radius_px)
+    across = np.arange(columns.start, columns.stop) - middle_px[0]
+    down = np.arange(rows.start, rows.stop)[:, None] - middle_px[1]
     depth = radius_px - EDGE_PX - np.hypot(across, down)
     cleaned = np.array(grey, dtype=np.float64)
-    window = cleaned[low[1] : high[1], low[0] : high[0]]
+    window = cleaned[box]
     smooth, specks = cv2.blur(window, (3, 3)), np.zeros(window.shape, dtype=np.uint8)
-    rows, columns = (np.minimum(one, one[::-1]) for one in map(np.arange, window.shape))
-    both_sides = np.minimum(depth, np.minimum(columns, rows[:, None]))  # of a ball that the image cuts off, also
+    above, beside = (np.minimum(one, one[::-1]) for one in map(np.arange, window.shape))
+    both_sides = np.minimum(depth, np.minimum(beside, above[:, None]))  # of a ball that the image cuts off, also
     for far in {max(round(share * radius_px), LEAST_PX) for share in WIDTHS}:
         for way in WAYS:
             step = round(far * way[0]), round(far * way[1])

@@ -33,7 +33,7 @@ from ronnaplan.robot.placement.placement import COARSE, Placement, check_parked,
 from ronnaplan.robot.placement.room import Box, Capsule, Floor, HeadPose, Margins, Parking, Tool, base_pose
 from ronnaplan.robot.placement.route import Route, plan_route
 from ronnaplan.robot.placement.search import Problem, asking, grid, within, worths
-from ronnaplan.robot.placement.serving import Served, serve, serve_otherwise
+from ronnaplan.robot.placement.serving import Served, serve, served_by_each
 from ronnaplan.robot.placement.tasks import drill_task
 from ronnaplan.robot.placement.world import world_of
 from ronnaplan.transforms import transform_points
@@ -360,8 +360,7 @@ def test_a_task_whose_best_ways_no_free_move_reaches_is_taken_by_another(
     served = serve(problem, given.tasks, base)
     best = tuple(one for one in served if one is not None)
     barred = np.radians(best[0].angles_deg[0])
-    again = serve_otherwise(problem, task, 0, base, lambda _: True)
-    assert again is not None
+    again = next(served_by_each(problem, task, 0, base))
     np.testing.assert_array_equal(again.angles_deg, best[0].angles_deg)
 
     def leads_elsewhere(*given: Any) -> bool:
