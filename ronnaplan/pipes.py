@@ -12,6 +12,13 @@ SIZE: Final = struct.Struct("<Q")
 """Before every piece that goes from one process to the other: how many bytes it has."""
 
 
+class Sendable:
+    """What `send` may write while another thread has it find a value that it keeps (`functools.cached_property`)."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__.copy()  # at once: what grows while it is gone through cannot be written
+
+
 def environment() -> dict[str, str]:
     """Return the environment in which another process finds this very package, wherever it is begun.
 

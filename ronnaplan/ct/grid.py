@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from ronnaplan.bounds import FARTHEST_POINT_MM
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, as_numbers, unit
+from ronnaplan.pipes import Sendable
 
 UNIFORM_SPACING_TOLERANCE_MM = 1e-3
 """Slice gaps that differ by less than this are called equal (DICOM writes positions with 3 to 6 decimals)."""
@@ -62,7 +63,7 @@ def require_grid(affine: FloatArray) -> None:
 
 
 @dataclass(frozen=True)
-class SliceGrid:
+class SliceGrid(Sendable):
     """The places of the voxels of parallel slices, in LPS mm.
 
     ``origins_mm`` (K, 3) is the center of the voxel (row 0, column 0) of each slice, in ascending order along

@@ -21,6 +21,7 @@ from ronnaplan.ct.scale_end import scale_end_hu
 from ronnaplan.ct.scratch import one_by_one, runs
 from ronnaplan.errors import InputError, UsageError
 from ronnaplan.geometry import FloatArray, Frame, as_point, as_points
+from ronnaplan.pipes import Sendable
 from ronnaplan.text import place
 
 if TYPE_CHECKING:
@@ -107,7 +108,7 @@ class SeriesSource:
         }
 
 
-class Gridded:
+class Gridded(Sendable):
     """Values (K, J, I) on a `SliceGrid`, as other libraries hold them; an uneven grid is refused (`InputError`)."""
 
     grid: SliceGrid

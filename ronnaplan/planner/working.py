@@ -77,10 +77,10 @@ class Working:
             with self.answering():
                 await self._keep(job, answer.result())
                 done = job.what
-        finally:
+        finally:  # after a fault of the program, too: a page that shows a job lets nothing else be begun
             self._task = None
-        self._tell({**IDLE, "done": done})
-        self.shown()
+            self._tell({**IDLE, "done": done})
+            self.shown()
 
     async def _keep(self, job: Job, answer: Any) -> None:
         """Take an answer; one that cannot be written waits until it can be, or is given up."""

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray, Frame, as_numbers, as_point
+from ronnaplan.pipes import Sendable
 from ronnaplan.planning.electrodes import Electrode
 from ronnaplan.text import LONGEST_LISTED, place, printable
 
@@ -78,7 +79,7 @@ def instrument_named(name: str) -> Instrument:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Trajectory:
+class Trajectory(Sendable):
     """A straight path from ``entry_mm`` (3,), at the scalp, to ``target_mm`` (3,), LPS mm in ``frame``.
 
     ``instrument`` goes along it; ``electrode`` is what stays there, its tip at the target. Without a ``colour``

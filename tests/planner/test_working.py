@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import operator
 import time
 from collections.abc import Iterator, Mapping
@@ -70,6 +71,26 @@ def test_an_answer_that_waits_is_given_up_by_cancel() -> None:
     run(disk.work(give_up=True))
     assert [type(one) for one in disk.errors] == [CancelledError]
     assert (disk.kept, disk.done) == ([], "")
+
+
+def test_a_fault_of_the_program_leaves_no_page_busy() -> None:
+    disk = Disk(0)
+    unheard: list[Any] = []
+
+    def fail(answer: int) -> None:
+        raise ZeroDivisionError(answer)
+
+    async def work() -> None:
+        asyncio.get_running_loop().set_exception_handler(lambda _, context: unheard.append(context["exception"]))
+        does = working.Working(disk.tell, disk.answering, lambda: None)
+        does.start(Job("counting", partial(operator.mul, 6, 7), fail))
+        while not does.is_idle():
+            await asyncio.sleep(0.05)
+
+    run(work())
+    gc.collect()
+    assert disk.told[-1] == disk.done == ""
+    assert [type(one) for one in unheard] == [ZeroDivisionError]
 
 
 def test_a_job_that_is_cancelled_at_once_is_ended_and_the_next_one_is_done() -> None:
