@@ -234,13 +234,14 @@ def test_a_live_tracker_is_listened_to_and_entries_are_proposed(browser: Any, fo
     thread = threading.Thread(target=serve, daemon=True)
     thread.start()
     (folder / "registration.json").unlink()
-    with planner(folder, "--tracker", f"127.0.0.1:{listener.getsockname()[1]}") as one:
+    with listener, planner(folder, "--tracker", f"127.0.0.1:{listener.getsockname()[1]}") as one:
         page = opened(browser, one.url)
         page.click(".rp-tab >> text=Registration")
         page.click("text=listen to")
         page.wait_for_function("window.trame.state.get('registration').status === 'unique'")
         assert len(json.loads((folder / "registration.json").read_text())["pairs"]) == 6
         page.click(".rp-tab >> text=Trajectories")
+        eventually(page, lambda: not value(page, "chosen")["measuring"])  # what is measured moves the button down
         page.click("text=propose entries")
         page.wait_for_selector("#proposals tbody tr >> nth=4")
         page.focus("#proposals th >> nth=2 >> button")
@@ -254,7 +255,6 @@ def test_a_live_tracker_is_listened_to_and_entries_are_proposed(browser: Any, fo
         page.click("#proposals tbody tr >> nth=0")
         settled(page, folder, "left", "entry", before)
     thread.join(10)
-    listener.close()
 
 
 def test_the_wheel_scrolls_and_the_cuts_stay_linked(page: Any) -> None:
