@@ -131,6 +131,7 @@ class RegistrationDocument(DocumentModel):
             raise ValueError("a unique registration lacks ots_from_ct or its covariance")
         if self.status == "unique":
             _check_pairs(self.pairs)
+            _check_left_out(self)
         elif self.ots_from_ct is not None or self.covariance is not None:
             raise ValueError(f"the registration is {self.status}, yet holds ots_from_ct or a covariance")
         if self.ots_from_ct is not None:
@@ -239,6 +240,15 @@ def _check_pairs(pairs: Sequence[LabelPair]) -> None:
     for labels in ([pair.ct for pair in pairs], [pair.ots for pair in pairs]):
         if len(set(labels)) < len(labels):
             raise ValueError(f"the pairs name the markers {', '.join(labels)}; expected each once")
+
+
+def _check_left_out(document: RegistrationDocument) -> None:
+    """Raise where a marker or reading of a pair is said to have no partner, too."""
+    sides = (("ct", document.unpaired_ct), ("ots", document.unpaired_ots))
+    for side, unpaired in sides:
+        both = {getattr(pair, side) for pair in document.pairs}.intersection(unpaired)
+        if both:
+            raise ValueError(f"{min(both)} is in a pair, and in unpaired_{side}, too; expected one of the two")
 
 
 def _check_residuals(document: RegistrationDocument) -> None:

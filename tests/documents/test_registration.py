@@ -157,6 +157,16 @@ def test_a_marker_paired_twice_is_refused(path: Path, side: str) -> None:
         read_registration(path)
 
 
+@pytest.mark.parametrize("side", ["ct", "ots"])
+def test_a_marker_that_is_paired_and_left_out_is_refused(path: Path, side: str) -> None:
+    content = json.loads(path.read_text())
+    label = content["pairs"][1][side]
+    content[f"unpaired_{side}"] = ["another", label]
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=f"{label} is in a pair, and in unpaired_{side}, too"):
+        read_registration(path)
+
+
 def test_only_a_unique_registration_gives_a_pose() -> None:
     with pytest.raises(InputError, match="refused"):
         _ = registered().model_copy(update={"status": "ambiguous"}).pose
