@@ -76,6 +76,8 @@ def _later(fit: Fit, poses: Matched) -> float | None:
     """
     error, design = fit.error, fit.design * fit.sds[:, None]
     sds = rms_per_axis(error)
+    if not sds.all():  # angles or places are exact, of which nothing is left to explain
+        return None
     late, unit = moving(poses.driven @ invert(fit.right), sds, poses.frames)
     columns = np.concatenate([design / sds[:, None], late], axis=2).reshape(error.size, -1)
     solution = np.linalg.lstsq(columns, (error / sds).ravel(), rcond=None)[0]

@@ -49,7 +49,7 @@ def _alike(errors: FloatArray, counted: NDArray[np.bool_]) -> FloatArray:
     Their volume stays. That is told by their directions alone (Tyler 1987, Ann. Stat. 15:234), however far they go.
     """
     shape, told = np.eye(3), errors[counted]
-    for _ in range(TYLER_ROUNDS):
+    for _ in range(TYLER_ROUNDS if told.any() else 0):  # what is exact has no direction
         squares = np.einsum("ni,ij,nj->n", told, np.linalg.inv(shape), told)
         directions = told / np.sqrt(np.maximum(squares, np.finfo(float).tiny))[:, None]
         shape = of_volume_one(directions.T @ directions)

@@ -65,6 +65,19 @@ def test_poses_whose_places_or_rotations_are_all_but_exact_calibrate_an_eye(
     assert np.linalg.norm((found.matrix - m_from_tcp)[:3, 3]) < 3.0
 
 
+def test_poses_that_are_exact_to_the_last_digit_calibrate_a_tool_and_an_eye() -> None:
+    """As one tries it by hand: of quarter turns nothing is left, which ended in a traceback."""
+    poses = np.tile(np.eye(4), (24, 1, 1))
+    poses[:, :3, :3] = np.rint(Rotation.create_group("O").as_matrix())
+    poses[:, :3, 3] = (0, 0, -1000) - poses[:, :3, :3] @ (10, 20, 30)
+    np.testing.assert_allclose(calibrate_pivot(poses).tip_mm, (10, 20, 30), atol=1e-9)
+    driven = poses[3] @ poses
+    found = calibrate_hand_eye(poses, driven)
+    np.testing.assert_allclose(found.m_from_tcp.matrix, np.eye(4), atol=1e-6)
+    np.testing.assert_allclose(found.robot_from_ots.matrix, poses[3], atol=1e-6)
+    assert not found.doubts
+
+
 def test_recordings_in_metres_calibrate_no_eye() -> None:
     """Both in metres agree with each other: M from TCP came out a thousandth as long."""
     rng = np.random.default_rng(1)
