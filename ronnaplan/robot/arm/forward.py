@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ronnaplan.errors import InputError
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import FloatArray, as_numbers
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.transforms import exponential, rigid
 
@@ -16,7 +16,7 @@ LENGTH_MM = 300.0
 
 def as_angles(arm: SerialArm, angles_rad: ArrayLike) -> FloatArray:
     """Return ``angles_rad`` (..., N) as an array; raises `InputError` for another length or what is not finite."""
-    angles = np.asarray(angles_rad, dtype=np.float64)
+    angles = as_numbers(angles_rad, "joint angles", f"finite ones in rad, (..., {len(arm)})")
     if angles.ndim == 0 or angles.shape[-1] != len(arm) or not np.isfinite(angles).all():
         raise InputError(
             f"joint angles of shape {angles.shape} were given; expected finite ones in rad, (..., {len(arm)}) for the "

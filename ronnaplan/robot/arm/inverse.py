@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import POSE_TOLERANCE, as_pose
+from ronnaplan.pose import as_stack, as_written
 from ronnaplan.robot.arm.arm import SerialArm
+from ronnaplan.robot.arm.forward import as_angles
 from ronnaplan.robot.arm.wrist import wrist_of
 from ronnaplan.transforms import invert
 
@@ -45,10 +46,7 @@ def inverse(arm: SerialArm, poses: ArrayLike, tool: str | None = None) -> Postur
     """
     from ronnaplan.robot.arm.compiled import all_postures
 
-    asked = np.ascontiguousarray(poses, dtype=np.float64)
-    if asked.ndim != 3 or asked.shape[1:] != (4, 4):
-        raise InputError(f"poses of shape {asked.shape} were given; expected (M, 4, 4)")
-    _require_rigid(asked)
+    asked = np.ascontiguousarray(as_written(as_stack(poses, "the poses to reach"), "pose"))
     if tool is not None:
         asked = np.ascontiguousarray(asked @ invert(arm.tool(tool)))
     angles, found = np.empty((len(asked), BRANCHES, 6)), np.empty(len(asked))
@@ -59,22 +57,16 @@ def inverse(arm: SerialArm, poses: ArrayLike, tool: str | None = None) -> Postur
     return Postures(angles, within)
 
 
-def _require_rigid(poses: FloatArray) -> None:
-    """Raise `InputError`, as `as_pose` does, naming the first of ``poses`` (M, 4, 4) that is none."""
-    turns_ = poses[:, :3, :3]
-    off = np.abs(np.einsum("mab,mcb->mac", turns_, turns_) - np.eye(3)).max(axis=(1, 2))
-    handed = np.einsum("ma,ma->m", np.cross(turns_[:, 0], turns_[:, 1]), turns_[:, 2])
-    rigid = (
-        (off < POSE_TOLERANCE) & (handed > 0) & (np.abs(poses[:, 3] - (0, 0, 0, 1)).max(axis=1) < POSE_TOLERANCE)
-    )
-    wrong = np.flatnonzero(~(rigid & np.isfinite(poses[:, :3, 3]).all(axis=1)))
-    if len(wrong):
-        as_pose(poses[wrong[0]], f"pose {wrong[0]}")
-
-
 def turns(arm: SerialArm, angles_rad: ArrayLike) -> FloatArray:
-    """Return (T, N) all that differs from ``angles_rad`` (N,) by whole turns of joints and keeps their limits."""
-    angles = np.asarray(angles_rad, dtype=np.float64)
+    """Return (T, N) all that differs from ``angles_rad`` (N,) by whole turns of joints and keeps their limits.
+
+    Raises `InputError` for other than one posture of finite angles.
+    """
+    angles = as_angles(arm, angles_rad)
+    if angles.ndim != 1:
+        raise InputError(
+            f"joint angles of shape {angles.shape} were given; expected those of one posture, ({len(arm)},)"
+        )
     each = []
     for angle, (least, greatest) in zip(angles, arm.limits_rad, strict=True):
         first, last = np.ceil((least - angle) / (2 * np.pi)), np.floor((greatest - angle) / (2 * np.pi))

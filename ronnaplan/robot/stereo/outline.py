@@ -12,7 +12,7 @@ from typing import TypeGuard
 
 import numpy as np
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.stereo.agreement import QUARTER, SHADOWED, Judged, is_clean, judge
 from ronnaplan.robot.stereo.camera import Camera
@@ -105,12 +105,15 @@ def find_outlines(image: Image, camera: Camera) -> list[Outline]:
 def find_cones(image: Image, camera: Camera) -> list[Cone]:
     """Return every cone in ``image`` (rows, columns; grey) that edges agree on, best supported first.
 
-    Raises `InputError` for an image that is not two-dimensional or not finite, or not of the camera's size.
+    Raises `InputError` for an image that is not two-dimensional or not finite, or not of the camera's size, and
+    `UsageError` for what is no array.
     """
+    check_type(image, np.ndarray, "a camera's image", "give its grey values as an array (rows, columns)")
     small = image.ndim != 2 or min(image.shape) < 4 * SMALLEST_RADIUS_PX
-    if small or (image.dtype.kind == "f" and not np.isfinite(image).all()):
+    kind = image.dtype.kind
+    if small or kind not in "uif" or (kind == "f" and not np.isfinite(image).all()):
         raise InputError(
-            f"a camera image has shape {image.shape}; expected grey values (rows, columns), all finite"
+            f"a camera image has shape {image.shape} of {image.dtype}; expected grey values (rows, columns), all finite"
         )
     camera.require_size(image.shape)
     return [_consensus(camera.rays(circle.edges_px), camera) for circle in find_circles(image)]

@@ -20,6 +20,7 @@ from ronnaplan.robot.stereo.fields import require_one_moment
 from ronnaplan.robot.stereo.lights import fit, in_each_light, weighed
 from ronnaplan.robot.stereo.outline import Cone, Outline, find_cones, outlines_of
 from ronnaplan.robot.stereo.response import require_linear
+from ronnaplan.robot.stereo.shading_steps import ASIDE_SD
 from ronnaplan.robot.stereo.sphere_refused import advice, left_open
 from ronnaplan.sigmas import LARGEST_STATED_MM, SIGMA_LAMP_DEG
 
@@ -91,10 +92,7 @@ def locate_sphere(
     place depends on where the lamps are: well beside the lenses, or about them and off them by ``lamp_sd_deg``, as seen
     from the sphere.
     """
-    check_type(rig, StereoRig, "the cameras' rig", "calibrate_on_board returns one")
-    check_type(diameter_mm, Real, "the sphere's diameter", "give a number of mm")
-    if not (np.isfinite(diameter_mm) and diameter_mm > 0):
-        raise InputError(f"a sphere diameter of {diameter_mm} mm was given; expected one above zero")
+    _require_asked(rig, diameter_mm, largest_mm, lamp_sd_deg)
     with ThreadPoolExecutor(2) as pool:
         seen = list(pool.map(find_cones, (left, right), (rig.left, rig.right)))
         meeting = _that_may_meet(seen[0], seen[1], rig, diameter_mm)
@@ -119,6 +117,24 @@ def locate_sphere(
     _require_met(found[0], rig)
     _require_known(found[0], rig, diameter_mm, largest_mm)
     return found[0]
+
+
+def _require_asked(rig: StereoRig, diameter_mm: float, largest_mm: float, lamp_sd_deg: float) -> None:
+    """Raise `UsageError` or `InputError` for what is no rig, no length above zero, and no lamp about a lens."""
+    check_type(rig, StereoRig, "the cameras' rig", "calibrate_on_board returns one")
+    check_type(diameter_mm, Real, "the sphere's diameter", "give a number of mm")
+    check_type(largest_mm, Real, "the largest error", "give a number of mm")
+    if not 0 < diameter_mm < np.inf or not largest_mm > 0:
+        raise InputError(
+            f"a sphere of {diameter_mm} mm was to be known to {largest_mm} mm; expected a diameter and an error above "
+            "zero"
+        )
+    check_type(lamp_sd_deg, Real, "the lamp's angle", "give a number of degrees")
+    largest_deg = float(np.degrees(ASIDE_SD))
+    if not 0 < lamp_sd_deg <= largest_deg:
+        raise InputError(
+            f"the lamp is {lamp_sd_deg} degrees off the lens; expected above 0, up to {largest_deg:.3g} degrees"
+        )
 
 
 def _require_one(found: list[StereoSphere], diameter_mm: float) -> None:

@@ -127,6 +127,19 @@ def test_poses_that_no_tool_can_have_are_refused_by_number() -> None:
             inverse(arm, np.array([pose, wrong]))
 
 
+@pytest.mark.parametrize("wrong", ["A1", ["a"] * 6, [object()] * 6, 1 + 2j, [1.0], np.full(6, np.nan)])
+def test_what_is_no_posture_or_pose_is_named(wrong: Any) -> None:
+    """It ended in tracebacks of NumPy."""
+    arm = kr6_r900()
+    for of_angles in (forward, jacobian, singularity_deg, joint_margins_deg, turns):
+        with pytest.raises(InputError, match="joint angles"):
+            of_angles(arm, wrong)
+    with pytest.raises(InputError, match=r"the poses to reach .*expected \(N, 4, 4\)"):
+        inverse(arm, wrong)
+    with pytest.raises(InputError, match=r"shape \(2, 6\) .* of one posture"):
+        turns(arm, np.zeros((2, 6)))
+
+
 def test_a_straight_wrist_is_reached_with_joint_4_at_rest() -> None:
     arm = kr6_r900()
     angles = np.radians([10.0, -80, 90, 0, 0, 30])

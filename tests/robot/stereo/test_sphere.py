@@ -11,7 +11,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
 from phantoms import cameras as rendering
-from ronnaplan.errors import FrameMismatchError, InputError, RefusedError
+from ronnaplan.errors import FrameMismatchError, InputError, RefusedError, UsageError
 from ronnaplan.pose import Pose
 from ronnaplan.robot.chain import TCP, R
 from ronnaplan.robot.stereo.camera import RIG, Camera, StereoRig
@@ -156,8 +156,12 @@ def test_a_sphere_that_one_camera_does_not_see_is_not_guessed() -> None:
         "that is none, put a plain",
     ):
         locate_sphere(left, right, RIG_EXACT, diameter_mm=8.0)
-    with pytest.raises(InputError, match="above zero"):
-        locate_sphere(left, right, RIG_EXACT, diameter_mm=0.0)
+    for wrong in ({"diameter_mm": 0.0}, {"diameter_mm": np.inf}, {"largest_mm": np.nan}):
+        with pytest.raises(InputError, match="above zero"):
+            locate_sphere(left, right, RIG_EXACT, **{"diameter_mm": DIAMETER, **wrong})
+    for lamp_deg in (0.0, -1.0, np.nan, 90.0):  # of none a traceback, else another reason was told
+        with pytest.raises(InputError, match=r"the lamp is .* degrees off the lens; expected above 0, up to 17.2"):
+            locate_sphere(left, right, RIG_EXACT, diameter_mm=DIAMETER, lamp_sd_deg=lamp_deg)
     with pytest.raises(
         InputError, match=r"0 outlines left, 0 right.*, and put a plain and darker ground behind it"
     ):
@@ -238,8 +242,11 @@ def test_two_spheres_are_refused() -> None:
 
 
 def test_what_is_no_grey_image_or_camera_is_named() -> None:
-    with pytest.raises(InputError, match="grey values"):
-        find_outlines(np.zeros((100, 100, 3)), RIG_EXACT.left)
+    for wrong in (np.zeros((100, 100, 3)), np.zeros((100, 100), complex), np.zeros((100, 100), object)):
+        with pytest.raises(InputError, match="grey values"):
+            find_outlines(wrong, RIG_EXACT.left)
+    with pytest.raises(UsageError, match="list is given for a camera's image, expected ndarray"):
+        locate_sphere([[0, 1]], [[0, 1]], RIG_EXACT, diameter_mm=DIAMETER)  # type: ignore[arg-type]
     assert find_outlines(np.zeros((100, 100)), RIG_EXACT.left) == []
     with pytest.raises(InputError, match="camera matrix"):
         Camera(np.zeros((3, 3)), np.zeros(5), np.eye(4))
