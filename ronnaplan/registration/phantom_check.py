@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ronnaplan.correspondence import Pairing, match_points
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, Points, as_points
+from ronnaplan.registration.beside_a_pose import fitted_beside
 from ronnaplan.registration.registration import Registration, register_points
 from ronnaplan.transforms import point_jacobian, transform_points
 
@@ -165,24 +166,21 @@ class PhantomCheck:
 
         fit = self.registration
         mapped = transform_points(fit.transform, fit.moving_mm)
-        design = np.concatenate([point_jacobian(mapped), _stretch_moves(mapped, self.axes)], axis=-1)
-        root = np.linalg.inv(np.linalg.cholesky(fit.covariances_mm2))
-        weighted = (root @ design).reshape(-1, design.shape[-1])
-        target = (root @ fit.residual_vectors_mm[..., np.newaxis]).ravel()
-        freedom = len(target) - weighted.shape[1]  # two and more, of `LEAST_MARKERS` and more
-        held = np.eye(weighted.shape[1])[6:] / WIDEST_STRETCH  # or what the phantom does not tell would seem known
-        weighted, target = np.vstack([weighted, held]), np.append(target, np.zeros(len(held)))
-        answer, *_ = np.linalg.lstsq(weighted, target, rcond=None)
-        chi_square = float(np.sum((target - weighted @ answer) ** 2))
-        variances = np.diag(np.linalg.inv(weighted.T @ weighted))
-        shares, errors = answer[6:], np.sqrt(variances[6:] * max(chi_square / freedom, 1.0))
-        limit = float(stdtrit(freedom, 0.5 + SURE / 2.0))
+        moves = _stretch_moves(mapped, self.axes)
+        found = fitted_beside(
+            fit.residual_vectors_mm, fit.covariances_mm2, point_jacobian(mapped), moves, WIDEST_STRETCH
+        )
+        scatter = max(
+            found.chi_square / found.freedom, 1.0
+        )  # freedom is two and more, of `LEAST_MARKERS` and more
+        errors = np.sqrt(found.variances * scatter)
+        limit = float(stdtrit(found.freedom, 0.5 + SURE / 2.0))
         told = tuple(
             Stretch(name, float(share), float(error), bool(abs(share) > limit * error))
-            for name, share, error in zip(STRETCHES, shares, errors, strict=True)
+            for name, share, error in zip(STRETCHES, found.unknowns, errors, strict=True)
             if error < TELLING_STRETCH
         )
-        return told, chi_square, freedom
+        return told, found.chi_square, found.freedom
 
 
 def names_of_scan(voxel_sha256: str | None, series_uid: str | None) -> frozenset[str]:

@@ -63,10 +63,9 @@ class Registration(Shown[RegisteredPair]):
     pose: Pose
     """The fitted ``fixed_from_moving`` with its covariance (6, 6)."""
     labels: tuple[str, ...]
-    errors_stated: bool
-    """Whether the marker errors were stated by the caller; if not, they were estimated from the residuals."""
     stated_mm2: tuple[FloatArray, FloatArray] | None = field(repr=False, default=None)
-    """The stated covariances (N, 3, 3) of the moving and of the fixed points, each in its own frame."""
+    """The stated covariances (N, 3, 3) of the moving and of the fixed points, each in its own frame; None where none
+    were, and they were estimated from the residuals."""
     settled: bool = True
     """Whether the fit converged."""
 
@@ -110,6 +109,11 @@ class Registration(Shown[RegisteredPair]):
         views.segments(ends, drawn, [DOUBT_COLOUR] * len(drawn))
         views.points(ends, self.labels)
         return views.picture
+
+    @property
+    def errors_stated(self) -> bool:
+        """Whether the marker errors were stated by the caller."""
+        return self.stated_mm2 is not None
 
     @property
     def transform(self) -> FloatArray:
@@ -158,8 +162,7 @@ class Registration(Shown[RegisteredPair]):
         """
         if not self.errors_stated or len(self) == 3:
             return None
-        pairs = (self.moving_mm, self.residual_vectors_mm, self.covariances_mm2)
-        return explaining_stretch(self.transform, *pairs, rare=MISFIT_PROBABILITY)
+        return explaining_stretch(self.transform, self.moving_mm, self.residual_vectors_mm, self.covariances_mm2)
 
     def tre(self, points_mm: ArrayLike, frame: Frame | None = None) -> FloatArray:
         """Return the covariance (N, 3, 3), in the fixed frame, of the error at moving ``points_mm``.
@@ -259,7 +262,7 @@ def register_points(
         combined = combined_covariances(matrix, *stated)
     covariance = fitted_pose_covariance(matrix, moving_mm, fixed_mm, combined, stated)
     pose = Pose(matrix, covariance, fixed_frame, moving_frame)
-    registration = Registration(moving_mm, fixed_mm, combined, pose, names, stated is not None, stated, settled)
+    registration = Registration(moving_mm, fixed_mm, combined, pose, names, stated, settled)
     LOG.info("registered %s onto %s: %r", moving_frame, fixed_frame, registration)
     if LOG.isEnabledFor(logging.DEBUG):
         for pair in registration:

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
+from ronnaplan.registration.beside_a_pose import fitted_beside, moved_together
 from ronnaplan.registration.drift import DRIFT_PROBABILITY
 from ronnaplan.registration.registration import Registration
 from ronnaplan.sigmas import MISFIT_PROBABILITY
-from ronnaplan.transforms import point_jacobian, transform_points
 
 FEWEST_FOR_SHIFT = 2
 """On either side of a movement; of one marker alone that stands otherwise none is told, as it may be loose."""
@@ -36,7 +36,7 @@ def explanations(
     chance = fit.fit_probability
     if chance is None or chance >= DRIFT_PROBABILITY:
         return []
-    motion = _motion(fit)
+    motion = moved_together(fit.transform, fit.moving_mm)
     shift = motion[..., 3:]
     best = doubtful = max(MISFIT_PROBABILITY, _one_loose(fit))
     told = []
@@ -69,15 +69,9 @@ def is_split(fit: Registration, *, left_out: bool) -> bool:
     return chance < least and _one_loose(fit) < MISFIT_PROBABILITY
 
 
-def _motion(fit: Registration) -> FloatArray:
-    """Return what a movement (6) of all markers together does to each: (N, 3, 6)."""
-    places = transform_points(fit.transform, fit.moving_mm)
-    return point_jacobian(places - places.mean(axis=0))
-
-
 def _one_loose(fit: Registration) -> float:
     """Return how likely errors as stated leave what is left but for the one marker that explains most."""
-    motion = _motion(fit)
+    motion = moved_together(fit.transform, fit.moving_mm)
     each = np.eye(len(motion))[..., None, None]
     return max(_explained(fit, motion, alone * motion[..., 3:])[0] for alone in each)
 
@@ -97,13 +91,7 @@ def _explained(fit: Registration, motion: FloatArray, design: FloatArray) -> tup
 
     ``motion`` (N, 3, 6) is that of all markers together, which is fitted anew.
     """
-    from scipy.special import gammaincc
-
-    unknowns = design.shape[2]
-    whitening = np.linalg.inv(np.linalg.cholesky(fit.covariances_mm2))
-    of_markers = (whitening @ np.concatenate([motion, design], axis=2)).reshape(-1, 6 + unknowns)
-    rows = np.vstack([of_markers, np.eye(6 + unknowns)[6:] / LARGEST[-unknowns:, None]])
-    residual = np.append((whitening @ fit.residual_vectors_mm[..., None]).ravel(), np.zeros(unknowns))
-    solution = np.linalg.lstsq(rows, residual)[0]
-    left = float(((residual - rows @ solution) ** 2).sum())
-    return float(gammaincc((fit.degrees_of_freedom - unknowns) / 2, left / 2)), solution[6:]
+    found = fitted_beside(
+        fit.residual_vectors_mm, fit.covariances_mm2, motion, design, LARGEST[-design.shape[2] :]
+    )
+    return found.probability, found.unknowns
