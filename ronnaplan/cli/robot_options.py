@@ -103,8 +103,10 @@ def size_mm(text: str) -> float:
 
 def read_looks(arguments: argparse.Namespace) -> tuple[dict[int, ImagePair], FloatArray, tuple[str, ...]]:
     """Return the looks, the robot's pose (4, 4) at each, and what is to be told of the recording."""
+    import numpy as np
+
     from ronnaplan.errors import InputError
-    from ronnaplan.robot.recorded import require_numbered, robots_poses, simultaneous
+    from ronnaplan.robot.recorded import require_numbered, robots_poses
     from ronnaplan.robot.stereo.images import read_pairs
     from ronnaplan.tracking import read_recording
 
@@ -114,7 +116,7 @@ def read_looks(arguments: argparse.Namespace) -> tuple[dict[int, ImagePair], Flo
     lacking = next((frame for frame in looks if frame not in driven), None)
     if lacking is not None:
         raise InputError(f"{arguments.robot} has no pose of frame {lacking}, which {arguments.looks} shows")
-    return looks, simultaneous({frame: driven[frame] for frame in looks}, driven)[1], robot.notes
+    return looks, np.array([driven[frame] for frame in looks]), robot.notes
 
 
 def calibrated_tool(recording: Recording, asked: str | None) -> str:

@@ -10,15 +10,14 @@ import numpy as np
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.text import BLANKS, plain_number, printable
-from ronnaplan.tracking.recording import OK
+from ronnaplan.tracking.recording import NO_POSITION, OK
 
 MOST_FRAMES = 2**53 - 1
 """Beyond, a number that is read as a float may be a neighbour of the one that is written."""
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "missing", "-"})
-NO_POSITION = "no position"
 NO_PLAIN_NUMBER = "a coordinate that is no plain number, such as -1234.5"
 DECIMAL_COMMA = "a coordinate with a comma, a decimal one only where ';' or a tab stands between the columns"
-"""Statuses of a reading without a place: one that is not written, and two that are written otherwise."""
+"""Statuses of a reading without a place, as that is written otherwise."""
 NO_NUMBER = "no frame number"
 """Status of a pose of no numbered frame among numbered ones: it would be taken for another frame's."""
 STATUS_COLUMNS = ("status", "state")

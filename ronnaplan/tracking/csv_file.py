@@ -29,6 +29,7 @@ from ronnaplan.tracking.cells import (
 from ronnaplan.tracking.columns import POINT_NAMES, SYSTEM_COLUMNS, TOOL_NAMES
 from ronnaplan.tracking.matrix_csv import lacking
 from ronnaplan.tracking.recording import (
+    NO_POSE,
     OK,
     OTS,
     QUATERNION,
@@ -159,7 +160,7 @@ def _reading(path: Path, row: Mapping[str, str], delimiter: str, poses: Set[str]
         matrix = quaternion_pose(np.array([value(name) for name in QUATERNION]), position)
         error_mm = number(row.get("error", ""), delimiter)
         if matrix is None and status == OK:
-            status = "no pose"
+            status = NO_POSE
         return ToolReading(index, tool, matrix, value("time"), error_mm, status)
     if status == OK:
         status = place_status([row.get(axis, "") for axis in "xyz"], position, delimiter)

@@ -8,7 +8,7 @@ from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray, Points, require_sigma
 from ronnaplan.sigmas import SIGMA_OTS_MM
 from ronnaplan.tracking.recording import PointReading, Recording
-from ronnaplan.tracking.stray import MOST_MARKERS, MOST_STRAYS
+from ronnaplan.tracking.stray import MOST_MARKERS, MOST_STRAYS, assigned
 
 LARGEST_STEP_MM = 20.0
 """A marker is not followed further than this between frames, nor than half the way to its nearest neighbour."""
@@ -48,22 +48,11 @@ def labelled_frames(
         if len(current) > MOST_SEEN:
             raise InputError(f"frame {number} holds {len(current)} readings; expected {MOST_SEEN} at most")
         places = np.array([r.position_mm for r in current]).reshape(-1, 3)
-        pairs = [(i, j) for i, j in _assign(places, last, gate) if not is_doubled(places, i)]
+        pairs = [(i, j) for i, j in sorted(assigned(places, last, gate).items()) if not is_doubled(places, i)]
         for i, j in pairs:
             last[j] = current[i].position_mm
         frames.append((number, _points(current, pairs, reference, sigma_mm)))
     return frames
-
-
-def _assign(current_mm: FloatArray, last_mm: FloatArray, gate_mm: float) -> list[tuple[int, int]]:
-    from scipy.optimize import linear_sum_assignment
-    from scipy.spatial.distance import cdist
-
-    if not len(current_mm):
-        return []
-    distance = cdist(current_mm, last_mm)
-    rows, columns = linear_sum_assignment(np.where(distance > gate_mm, 1e6, distance))
-    return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if distance[i, j] <= gate_mm]
 
 
 def is_doubled(places_mm: FloatArray, number: int) -> bool:
@@ -75,7 +64,8 @@ def is_doubled(places_mm: FloatArray, number: int) -> bool:
 def _points(
     current: list[PointReading], pairs: list[tuple[int, int]], reference: Points, sigma_mm: float
 ) -> Points:
-    sds = [sigma_mm if current[i].sigma_mm is None else float(current[i].sigma_mm or 0.0) for i, _ in pairs]
+    stated = [current[i].sigma_mm for i, _ in pairs]
+    sds = [sigma_mm if one is None else one for one in stated]
     return Points(
         np.array([current[i].position_mm for i, _ in pairs]).reshape(-1, 3),
         np.array([sd**2 * np.eye(3) for sd in sds]).reshape(-1, 3, 3),

@@ -33,6 +33,8 @@ from ronnaplan.tracking.igtl_layout import (
     tracked,
 )
 from ronnaplan.tracking.recording import (
+    NO_POSE,
+    NO_POSITION,
     OK,
     PointReading,
     Roundings,
@@ -214,12 +216,8 @@ class Stream:
         if len(content) % POINT_ITEM.itemsize:
             raise ValueError(f"{len(content)} bytes")
         items: NDArray[np.void] = np.frombuffer(content, dtype=POINT_ITEM)
-        places = doubles(items["place"])
-        finite = np.asarray(np.isfinite(places).all(axis=1))
-        for name, place, good in zip(items["name"].tolist(), places, finite.tolist(), strict=True):
-            status = OK if good else "no position"
-            label, time_s, device = text(name), message.time_s, message.device
-            self.points.append(PointReading(self._point_frames, place, label, time_s, None, status, device))
+        for name, place in zip(items["name"].tolist(), doubles(items["place"]), strict=True):
+            self._add_place(message, text(name), place, OK)
         self._point_frames += 1
 
     def _take_transform(self, message: Message, body: bytes) -> None:
@@ -253,7 +251,7 @@ class Stream:
 
     def _add_pose(self, frame: int, tool: str, matrix: FloatArray | None, time_s: float, status: str) -> None:
         if matrix is None:
-            status = "no pose" if status == OK else status
+            status = NO_POSE if status == OK else status
             self.tools.append(ToolReading(frame, tool, None, time_s, None, status))
             return
         reading, excess = tool_reading(frame, tool, matrix, time_s, status)
@@ -273,8 +271,8 @@ class Stream:
                 self._add_pose(self._next_frame(tool), tool, pose, message.time_s, stated)
 
     def _add_place(self, message: Message, label: str, place_mm: FloatArray, stated: str) -> None:
-        """Take a tool's place (3,) that came without its rotation for a point: none is made up."""
-        status = stated if stated != OK or np.isfinite(place_mm).all() else "no position"
+        """Take a place (3,) for a point, a tool's, too, that came without its rotation: none is made up."""
+        status = stated if stated != OK or np.isfinite(place_mm).all() else NO_POSITION
         self.points.append(
             PointReading(self._point_frames, place_mm, label, message.time_s, None, status, message.device)
         )

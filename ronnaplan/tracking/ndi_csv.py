@@ -25,7 +25,15 @@ from ronnaplan.tracking.cells import (
     stated_status,
     tool_status,
 )
-from ronnaplan.tracking.recording import OK, QUATERNION, PointReading, Recording, ToolReading, quaternion_pose
+from ronnaplan.tracking.recording import (
+    NO_POSE,
+    OK,
+    QUATERNION,
+    PointReading,
+    Recording,
+    ToolReading,
+    quaternion_pose,
+)
 from ronnaplan.tracking.tables import passed_over, read_rows
 
 ANGLES = frozenset({"rx", "ry", "rz"})
@@ -136,7 +144,7 @@ class _Row:
             status = "a pose by Euler angles (record quaternions)"
         error = self.value(column + 3) if self.header[column + 3 : column + 4] == ["error"] else np.nan
         if matrix is None and status == OK:
-            status = "no pose"
+            status = NO_POSE
         return ToolReading(
             self.frame,
             name or f"tool {order + 1}",

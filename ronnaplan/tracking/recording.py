@@ -20,6 +20,8 @@ OK = "ok"
 """Status of a reading that its source calls good."""
 NO_STATUS = "no status"
 """Status of a reading whose source keeps one and left it empty: that does not call it good."""
+NO_POSITION, NO_POSE = "no position", "no pose"
+"""Statuses of a reading without a place, or of a tool without a pose, of which nothing else is said."""
 OTS = Frame("OTS")
 QUATERNION = ("q0", "qx", "qy", "qz")
 """How tables name the columns of a rotation: the scalar first, then the vector."""
@@ -138,7 +140,7 @@ class Recording:
         readings: Iterable[PointReading | ToolReading] = (*self.points, *self.tools)
         for reading in readings:
             if not reading.usable:
-                reason = reading.status if reading.status != OK else "no position within a kilometre"
+                reason = reading.status if reading.status != OK else f"{NO_POSITION} within a kilometre"
                 counts[reason] = counts.get(reason, 0) + 1
         return counts
 
@@ -217,7 +219,7 @@ def tool_reading(
         excess = orthonormality_excess(square[:3, :3])
     except InputError as error:
         if status == OK:
-            status = f"no pose: {error}"
+            status = f"{NO_POSE}: {error}"
     return ToolReading(frame, tool, pose, time_s, None, status), excess
 
 

@@ -15,7 +15,7 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import LPS_FROM_RAS, FloatArray, Frame
 from ronnaplan.text import printable
 from ronnaplan.tracking.cells import FALSE, number
-from ronnaplan.tracking.recording import OK, PointReading, Recording
+from ronnaplan.tracking.recording import NO_POSITION, OK, PointReading, Recording
 from ronnaplan.tracking.tables import read_rows, read_text, require_table, split_rows
 from ronnaplan.untrusted import checked, parse_json, read_whole
 
@@ -203,7 +203,7 @@ def _fcsv_status(cell: str) -> str:
 
 def _point(position_mm: FloatArray, label: str, status: str) -> PointReading:
     if status == OK and not np.isfinite(position_mm).all():
-        status = "no position"
+        status = NO_POSITION
     return PointReading(0, position_mm, label.strip(), status=status)
 
 

@@ -107,7 +107,7 @@ def _follow(readings: Sequence[PointReading]) -> list[list[PointReading]]:
         current = by_frame[number]
         if len(current) > MOST_STRAYS:
             raise InputError(f"frame {number} holds {len(current)} stray readings; expected {MOST_STRAYS} at most")
-        taken = _assigned(np.array([r.position_mm for r in current]), last_mm[: len(tracks)])
+        taken = assigned(np.array([r.position_mm for r in current]), last_mm[: len(tracks)], GATE_MM)
         places = [taken.get(i, -1) for i in range(len(current))]
         for i, reading in enumerate(current):
             if places[i] < 0:
@@ -132,14 +132,14 @@ def _medians(recent_mm: FloatArray) -> FloatArray:
     return medians
 
 
-def _assigned(current_mm: FloatArray, last_mm: FloatArray) -> dict[int, int]:
-    """Return {reading: track} at the least total distance, within `GATE_MM`."""
+def assigned(current_mm: FloatArray, last_mm: FloatArray, gate_mm: float) -> dict[int, int]:
+    """Return {reading: track} of readings (N, 3) and tracks (M, 3) at the least total distance, within ``gate_mm``."""
     from scipy.optimize import linear_sum_assignment
     from scipy.spatial import KDTree
 
-    if not len(last_mm):
+    if not (len(current_mm) and len(last_mm)):
         return {}
-    near = KDTree(current_mm).sparse_distance_matrix(KDTree(last_mm), GATE_MM, output_type="ndarray")
+    near = KDTree(current_mm).sparse_distance_matrix(KDTree(last_mm), gate_mm, output_type="ndarray")
     # most readings have one track within the gate, which has no other: no least sum is to be found for them
     alone = (np.bincount(near["i"])[near["i"]] == 1) & (np.bincount(near["j"])[near["j"]] == 1)
     found = dict(zip(near["i"][alone].tolist(), near["j"][alone].tolist(), strict=True))
@@ -149,7 +149,7 @@ def _assigned(current_mm: FloatArray, last_mm: FloatArray) -> dict[int, int]:
     cost = np.full((len(rows), len(columns)), FAR)
     cost[i, j] = rest["v"]
     pairs = zip(*linear_sum_assignment(cost), strict=True)
-    return found | {int(rows[i]): int(columns[j]) for i, j in pairs if cost[i, j] <= GATE_MM}
+    return found | {int(rows[i]): int(columns[j]) for i, j in pairs if cost[i, j] < FAR}
 
 
 def _agreeing(positions_mm: FloatArray) -> NDArray[np.bool_]:

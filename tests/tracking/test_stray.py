@@ -9,7 +9,7 @@ from scipy.spatial.distance import cdist
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.tracking import MarkerFlag, PointReading, Recording, ToolReading, find_markers, stray
-from ronnaplan.tracking.stray import GATE_MM, _assigned
+from ronnaplan.tracking.stray import GATE_MM, assigned
 from ronnaplan.tracking.told import readings_told
 from ronnaplan.transforms import rigid
 from tests.long import few_or_all
@@ -266,7 +266,7 @@ def test_readings_go_to_tracks_at_the_least_total_distance(seed: int) -> None:
     whole = {
         (int(i), int(j)) for i, j in zip(*linear_sum_assignment(cost), strict=True) if distance[i, j] <= GATE_MM
     }
-    assert set(_assigned(current, last).items()) == whole
+    assert set(assigned(current, last, GATE_MM).items()) == whole
 
 
 def test_strays_that_lie_apart_are_followed_without_a_search(monkeypatch: pytest.MonkeyPatch) -> None:

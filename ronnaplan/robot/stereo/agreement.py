@@ -9,9 +9,8 @@ import numpy as np
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.stereo.shading import ShadedSphere
 from ronnaplan.robot.stereo.shading_compiled import Flags
+from ronnaplan.robot.stereo.shading_steps import FLOOR_PX
 
-FLOOR_PX = 0.01
-"""What the model of the sphere errs in a sector at best."""
 LARGEST_SD_PX = 0.5
 """Sectors that know their edge worse are left out."""
 SMALLEST_COVERAGE = 0.5

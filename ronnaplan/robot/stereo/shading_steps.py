@@ -36,7 +36,7 @@ LARGEST_MISFITS = (2.5, 1.5)
 OUTLIER_SDS = 4.0
 """Later, sectors whose edge is shifted by more standard deviations are left out, too."""
 FLOOR_PX = 0.01
-"""What the model errs in a sector at best."""
+"""What the model of the sphere errs in a sector at best."""
 CURVED_SD, ASIDE_SD, FALLING_SD, TILT_SD, WAVE_SD = 0.2, 0.3, 0.2, 0.5, 0.3
 """What is expected of the light, as shares of the brightness: the profile's curvature, light from aside, what of it
 falls off to the limb, its tilt and its waves."""
