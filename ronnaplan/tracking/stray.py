@@ -135,21 +135,20 @@ def _medians(recent_mm: FloatArray) -> FloatArray:
 def assigned(current_mm: FloatArray, last_mm: FloatArray, gate_mm: float) -> dict[int, int]:
     """Return {reading: track} of readings (N, 3) and tracks (M, 3) at the least total distance, within ``gate_mm``."""
     from scipy.optimize import linear_sum_assignment
-    from scipy.spatial import KDTree
+    from scipy.spatial.distance import cdist
 
     if not (len(current_mm) and len(last_mm)):
         return {}
-    near = KDTree(current_mm).sparse_distance_matrix(KDTree(last_mm), gate_mm, output_type="ndarray")
+    apart_mm = cdist(current_mm, last_mm)
+    near = apart_mm <= gate_mm
     # most readings have one track within the gate, which has no other: no least sum is to be found for them
-    alone = (np.bincount(near["i"])[near["i"]] == 1) & (np.bincount(near["j"])[near["j"]] == 1)
-    found = dict(zip(near["i"][alone].tolist(), near["j"][alone].tolist(), strict=True))
-    rest = near[~alone]
-    rows, i = np.unique(rest["i"], return_inverse=True)
-    columns, j = np.unique(rest["j"], return_inverse=True)
-    cost = np.full((len(rows), len(columns)), FAR)
-    cost[i, j] = rest["v"]
-    pairs = zip(*linear_sum_assignment(cost), strict=True)
-    return found | {int(rows[i]): int(columns[j]) for i, j in pairs if cost[i, j] < FAR}
+    i, j = np.nonzero(near & (near.sum(axis=1, keepdims=True) == 1) & (near.sum(axis=0) == 1))
+    found = dict(zip(i.tolist(), j.tolist(), strict=True))
+    near[i, j] = False
+    rows, columns = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
+    of_rest = np.ix_(rows, columns)
+    pairs = zip(*linear_sum_assignment(np.where(near[of_rest], apart_mm[of_rest], FAR)), strict=True)
+    return found | {int(rows[i]): int(columns[j]) for i, j in pairs if near[rows[i], columns[j]]}
 
 
 def _agreeing(positions_mm: FloatArray) -> NDArray[np.bool_]:
