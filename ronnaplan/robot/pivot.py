@@ -24,8 +24,8 @@ from ronnaplan.transforms import cross_matrix
 
 FEWEST_FOR_SCATTER = 10
 """Of fewer the scatter is not known, however often each is repeated."""
-SMALLEST_TURN_DEG = 10.0
-"""The tool's axes must spread by this much over the poses, or the tip is not determined."""
+SMALLEST_TURN_DEG = 5.0
+"""RMS turn of the tool's axis that turns least, which the poses need: below it the tip along it is not determined."""
 LARGEST_RMS_MM = 10.0
 """A tip whose places scatter by more did not rest in a divot, or the poses are no tool's: no tracker errs so much."""
 LONGEST_TOOL_MM = 800.0
@@ -225,12 +225,13 @@ def _least_lengths(design: FloatArray, shift: FloatArray) -> FloatArray:
 
 
 def _require_turning(rotations: FloatArray) -> None:
-    """Raise `InputError` unless the poses turn about at least two axes."""
-    information = np.einsum("nij,nik->jk", rotations - rotations.mean(axis=0), rotations - rotations.mean(axis=0))
+    """Raise `InputError` unless poses (N, 3, 3) turn each axis of the tool, and so about two axes at least."""
+    off = rotations - rotations.mean(axis=0)
+    information = np.einsum("nij,nik->jk", off, off)
     weakest = float(np.linalg.eigvalsh(information)[0]) / len(rotations)
     spread = float(np.degrees(np.sqrt(max(weakest, 0.0))))
-    if spread < SMALLEST_TURN_DEG / 2:
+    if spread < SMALLEST_TURN_DEG:
         raise InputError(
-            f"the pivot poses turn the tool by {spread:.2g} degrees RMS in their weakest direction; "
-            "tilt it by 30 degrees or more about two axes while the tip rests"
+            f"the pivot poses turn the tool by {spread:.2g} degrees RMS in their weakest direction, expected "
+            f"{SMALLEST_TURN_DEG:g} or more; tilt it by 30 degrees or more about two axes while the tip rests"
         )

@@ -193,7 +193,8 @@ def test_a_pose_that_is_told_again_to_the_last_digit_tells_nothing_new(how: str)
 
 
 def test_poses_that_hardly_turn_are_refused() -> None:
-    with pytest.raises(InputError, match="turn the tool"):
+    told = r"turn the tool by 1.\d degrees RMS in their weakest direction, expected 5 or more; tilt it"
+    with pytest.raises(InputError, match=told):
         calibrate_pivot(recording(4, tilt_deg=2))
     about_one_axis = np.tile(np.eye(4), (50, 1, 1))
     about_one_axis[:, :3, :3] = Rotation.from_rotvec(np.outer(np.linspace(-1, 1, 50), [0, 0, 1])).as_matrix()
