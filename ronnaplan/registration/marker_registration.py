@@ -97,20 +97,9 @@ def register_markers(
     """
     from ronnaplan.correspondence import match_points
 
-    for points, what in ((ct, "the scan's markers"), (ots, "the tracker's markers")):
-        check_type(
-            points, Points, what, "give the points of what localize, or find_markers, returned: found.points"
-        )
-    if (ct.frame.name, ots.frame.name) == ("OTS", "CT"):  # else the markers' errors would count on the wrong side
-        raise FrameMismatchError(
-            "the scan's markers are of frame OTS and the tracker's of CT; expected the scan's first, then the tracker's"
-        )
+    _require_sides(ct, ots)
     require_sigma(sigma_ct_mm, "the CT error")
-    if not all(isinstance(pair, Sequence) and len(pair) == 2 for pair in known_pairs):
-        raise UsageError(f"known pairs are {known_pairs!r}; expected pairs of (CT label, tracker label)")
-    for side in zip(*known_pairs, strict=True):
-        if len(set(side)) < len(side):
-            raise UsageError(f"known pairs name the markers {', '.join(side)}; expected each once")
+    known = _known(known_pairs, ct, ots)
     ct = Points(ct.positions_mm, ct.covariances_mm2 + sigma_ct_mm**2 * np.eye(3), ct.labels, ct.frame)
     pairing = match_points(
         ct.positions_mm,
@@ -119,7 +108,7 @@ def register_markers(
         at_least=at_least,
         covariances_ct_mm2=ct.covariances_mm2,
         covariances_ots_mm2=ots.covariances_mm2,
-        known_pairs=[(_index(ct, a, "CT"), _index(ots, b, "tracker")) for a, b in known_pairs],
+        known_pairs=known,
     )
     if pairing.status != "unique":
         return MarkerRegistration(ct, ots, pairing, None, sigma_ct_mm, expected)
@@ -140,6 +129,28 @@ def _told_stretch(registration: Registration | None) -> tuple[str, ...]:
         return ()
     told = ", ".join(f"{100 * share:+.1f} %" for share in registration.stretch)
     return (f"the readings would fit a scan that is longer by {told} along x, y and z",)
+
+
+def _require_sides(ct: Points, ots: Points) -> None:
+    """Raise an error unless both are points, and the scan's come first: else their errors would change sides."""
+    for points, what in ((ct, "the scan's markers"), (ots, "the tracker's markers")):
+        check_type(
+            points, Points, what, "give the points of what localize, or find_markers, returned: found.points"
+        )
+    if (ct.frame.name, ots.frame.name) == ("OTS", "CT"):
+        raise FrameMismatchError(
+            "the scan's markers are of frame OTS and the tracker's of CT; expected the scan's first, then the tracker's"
+        )
+
+
+def _known(pairs: Sequence[tuple[str, str]], ct: Points, ots: Points) -> list[tuple[int, int]]:
+    """Return the rows of ``pairs`` of labels (CT, tracker); raises `UsageError` for what names no markers, or twice."""
+    if not all(isinstance(pair, Sequence) and len(pair) == 2 for pair in pairs):
+        raise UsageError(f"known pairs are {pairs!r}; expected pairs of (CT label, tracker label)")
+    for side in zip(*pairs, strict=True):
+        if len(set(side)) < len(side):
+            raise UsageError(f"known pairs name the markers {', '.join(side)}; expected each once")
+    return [(_index(ct, a, "CT"), _index(ots, b, "tracker")) for a, b in pairs]
 
 
 def _index(points: Points, label: str, kind: str) -> int:

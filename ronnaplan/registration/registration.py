@@ -248,10 +248,7 @@ def register_points(
     _require_once(np.hstack([moving_mm, fixed_mm]))
     for frame in (moving_frame, fixed_frame):
         check_type(frame, Frame, "a frame", "give Frame('CT'), say")
-    check_type(labels, (Sequence, type(None)), "labels", "give a name for each pair")
-    names = tuple(labels) if labels is not None else tuple(str(i + 1) for i in range(len(moving_mm)))
-    if len(names) != len(moving_mm):
-        raise InputError(f"{len(names)} labels were given for {len(moving_mm)} pairs; give one for each")
+    names = _names(labels, len(moving_mm))
     stated = as_pair(covariances, (len(moving_mm),))
     if stated is None:
         matrix, settled = fit_closed_form(moving_mm, fixed_mm), True
@@ -268,6 +265,15 @@ def register_points(
         for pair in registration:
             LOG.debug("%s is left %.4f mm off", pair.label, pair.residual_mm)
     return registration
+
+
+def _names(labels: Sequence[str] | None, count: int) -> tuple[str, ...]:
+    """Return the labels of so many pairs, numbers from 1 where none are given; raises `InputError` for too few."""
+    check_type(labels, (Sequence, type(None)), "labels", "give a name for each pair")
+    names = tuple(labels) if labels is not None else tuple(str(i + 1) for i in range(count))
+    if len(names) != count:
+        raise InputError(f"{len(names)} labels were given for {count} pairs; give one for each")
+    return names
 
 
 def _require_once(pairs_mm: FloatArray) -> None:

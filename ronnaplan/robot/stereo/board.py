@@ -8,10 +8,11 @@ blur, and however cameras bend brightness, so that neither moves it.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from numbers import Integral, Real
 
 import numpy as np
 
-from ronnaplan.errors import InputError
+from ronnaplan.errors import InputError, check_type
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.stereo.circles import Image
 from ronnaplan.transforms import exponential
@@ -35,6 +36,25 @@ always, for what a corner without contrast does not tell."""
 LARGEST_BLUR_PX, SMALLEST_BLUR_PX = 6.0, 0.3
 LARGEST_STEPS = np.array([1.0, 1.0, 0.2, 0.2, np.inf, np.inf, 0.3, np.inf, np.inf])
 """Of a corner's place (px), the directions square to its edges (rad), grey, contrast, blur (px), and slope of grey."""
+
+
+def require_board(corners: tuple[int, int], square_mm: float, sigma_square: float) -> None:
+    """Raise `UsageError` or `InputError` for what is no board: its inner corners, and the side of its squares."""
+    check_type(corners, Sequence, "the board's corners", "give those along its rows and columns: (9, 7)")
+    if len(corners) != 2 or not all(
+        isinstance(count, Integral) and FEWEST_CORNERS <= count <= MOST_CORNERS for count in corners
+    ):
+        raise InputError(
+            f"a board of {corners} inner corners was given; expected columns and rows, {FEWEST_CORNERS} to "
+            f"{MOST_CORNERS} of either"
+        )
+    check_type(square_mm, Real, "the side of the board's squares", "give a number of mm")
+    check_type(sigma_square, Real, "the error of that side", "give it as a part of the side: 0.001")
+    if not 0 < square_mm < np.inf or not 0 <= sigma_square < 1:
+        raise InputError(
+            f"the board's squares are {square_mm} mm long, to a part of {sigma_square}; expected a length above zero, "
+            "and its standard error as a part of it, below 1"
+        )
 
 
 def seen_by_both(

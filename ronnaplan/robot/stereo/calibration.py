@@ -13,7 +13,7 @@ from ronnaplan.geometry import FloatArray, as_points
 from ronnaplan.pose import Pose, as_poses, as_stack
 from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.hand_eye import require_two_axes
-from ronnaplan.robot.stereo.board import grid_mm, quarters_apart, recounted, seen_by_both
+from ronnaplan.robot.stereo.board import grid_mm, quarters_apart, recounted, require_board, seen_by_both
 from ronnaplan.robot.stereo.calibration_errors import MEASURE_SQUARES, judged, known_share, with_exact_squares
 from ronnaplan.robot.stereo.calibration_fit import UNDETERMINED as BOARDS_UNDETERMINED
 from ronnaplan.robot.stereo.calibration_fit import Fit, fitted
@@ -107,16 +107,25 @@ def calibrate_on_board(
 
     ``sigma_square`` is the standard error of ``square_mm``, as a part of it, which no image shows. Images in which
     either camera does not see the whole board are left out; the others are in the order of their time. Raises
-    `InputError` if fewer than `FEWEST_BOARDS` remain, they hardly tilt against each other, or the images' sizes differ,
-    and `RefusedError` if one camera moved against the other meanwhile.
+    `InputError` for what is no board, if fewer than `FEWEST_BOARDS` remain, they hardly tilt against each other, or the
+    images' sizes differ, and `RefusedError` if one camera moved against the other meanwhile.
     """
+    require_board(corners, square_mm, sigma_square)
+    _require_pairs(left, right)
+    rows, columns = np.asarray(left[0]).shape
+    cameras, seen = _by_opencv(seen_by_both(left, right, corners), corners, square_mm, (columns, rows))
+    fit = fitted(cameras, seen, corners, square_mm)
+    _require_told(fit)
+    return StereoCalibration(*fit.cameras, fit.rms_px, judged(fit, square_mm, sigma_square))
+
+
+def _by_opencv(
+    seen: list[tuple[FloatArray, FloatArray]], corners: tuple[int, int], square_mm: float, size: tuple[int, int]
+) -> tuple[tuple[Camera, Camera], list[tuple[FloatArray, FloatArray]]]:
+    """Return cameras that flat boards ``seen`` (K, 1, 2) tell, and these with corners counted alike in both images."""
     import cv2
 
-    _require_pairs(left, right)
-    seen = seen_by_both(left, right, corners)
     boards = [grid_mm(corners, square_mm).astype(np.float32)] * len(seen)
-    rows, columns = np.asarray(left[0]).shape
-    size = columns, rows
     firsts, seconds = [a for a, _ in seen], [b for _, b in seen]
     _, k_left, d_left, turns, _ = cv2.calibrateCamera(boards, _singles(firsts), size, None, None)
     _require_tilts(_turns(turns))
@@ -139,9 +148,7 @@ def calibrate_on_board(
         Camera(_floats(k_left), _floats(d_left).ravel(), np.eye(4), size),
         Camera(_floats(k_right), _floats(d_right).ravel(), invert(right_from_left), size),
     )
-    fit = fitted(cameras, list(zip(firsts, seconds, strict=True)), corners, square_mm)
-    _require_told(fit)
-    return StereoCalibration(*fit.cameras, fit.rms_px, judged(fit, square_mm, sigma_square))
+    return cameras, list(zip(firsts, seconds, strict=True))
 
 
 def _require_told(fit: Fit) -> None:

@@ -85,6 +85,14 @@ def test_board_images_that_do_not_show_the_board_are_refused() -> None:
         calibrate_on_board(left[:1] + blank[1:], right[:1] + blank[1:], corners=CORNERS, square_mm=SQUARE)
     with pytest.raises(InputError, match="pairs of one size"):
         calibrate_on_board(left, right[:5], corners=CORNERS, square_mm=SQUARE)
+    for wrong in ((2, 7), (9, 7, 5), (9.5, 7), ("9", "7")):  # which ended in tracebacks of OpenCV
+        with pytest.raises(
+            InputError, match="inner corners was given; expected columns and rows, 3 to 100 of either"
+        ):
+            calibrate_on_board(left, right, corners=wrong, square_mm=SQUARE)  # type: ignore[arg-type]
+    for side_mm, error in ((0.0, 1e-4), (np.nan, 1e-4), (SQUARE, -0.1), (SQUARE, 1.0)):
+        with pytest.raises(InputError, match="expected a length above zero, and its standard error as a part"):
+            calibrate_on_board(left, right, corners=CORNERS, square_mm=side_mm, sigma_square=error)
     colored = [np.dstack([image] * 3) for image in left]
     with pytest.raises(InputError, match="grey values"):
         calibrate_on_board(colored, colored, corners=CORNERS, square_mm=SQUARE)
