@@ -77,7 +77,7 @@ def within(depth: float, step: float) -> tuple[float, float]:
     return (depth + (1.0 - share) * step / 2 if share > 0.0 else depth), share
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath=True, inline="always")
 def blur_one(
     sharp: FloatArray,
     radius: float,
@@ -89,7 +89,8 @@ def blur_one(
 ) -> None:
     """Fill ``found`` (N, 3) with a ``sharp`` function of the depth, blurred, and its two derivatives.
 
-    Unless it is ``bent`` there, what lies deep is blurred by its curvature alone.
+    Unless it is ``bent`` there, what lies deep is blurred by its curvature alone. It is inlined: of code that may round
+    as it is fastest there would be two copies, and the run that compiles them takes the other one than later runs.
     """
     count = len(found)
     reach = (len(sharp) - count) // 2

@@ -1,5 +1,10 @@
 """How the fit of a whole sphere settles."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -29,6 +34,25 @@ def fitted(image: Image, camera: Camera) -> ShadedSphere:
     found = find_shaded(image, camera, cone.direction, cone.half_angle, cone.rays)
     assert found is not None
     return found
+
+
+PROFILE = (
+    "from ronnaplan.robot.stereo.profiles_compiled import blurred\n"
+    "print(blurred(37.0, 1.3, -16.0, 0.1, 640).tobytes().hex())\n"
+)
+
+
+def test_a_profile_is_the_same_to_the_last_digit_in_the_run_that_compiles_it_and_in_later_ones(
+    tmp_path: Path,
+) -> None:
+    """What blurs it stood in two copies of machine code, which may round otherwise: later runs took the other one."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    first, later = (
+        subprocess.run([sys.executable, "-c", PROFILE], env=environment, capture_output=True, check=True).stdout
+        for _ in range(2)
+    )
+    assert first
+    assert first == later
 
 
 def off_px(found: ShadedSphere, camera: Camera, center: np.ndarray) -> float:
