@@ -25,13 +25,18 @@ IN_TRACKER, IN_TOOL = slice(12, 21), slice(21, 27)
 
 
 class Fit(NamedTuple):
-    """The least squares; rotations in rad and places in mm err by sds."""
+    """The least squares of N moments."""
 
     left: FloatArray
+    """R from OTS (4, 4), mm."""
     right: FloatArray
+    """M from TCP (4, 4), mm."""
     sds: FloatArray
+    """(6,): what rotations (rad) and places (mm) err by."""
     design: FloatArray
+    """(N, 6, 27), as `design_of` returns it."""
     residual: FloatArray
+    """(N, 6): what is left, in ``sds``."""
     step: FloatArray
     """The last one (27,), of which the drifts are."""
     error: FloatArray

@@ -51,11 +51,16 @@ class State:
     geometry: FloatArray
     """Place (2), radius, focal length and blur, px."""
     light: FloatArray
+    """Unknowns (COMMON - LIGHT) of the whole sphere's light, in grey values but for its tilt."""
     owns: FloatArray
-    """Each sector's own ground (level and slope), and its own light from aside (even, and falling off) or none."""
+    """Each sector's own ground (level and slope), and its own light from aside (even, and falling off) or none: (S, 2)
+    or (S, 4)."""
     kept: Flags
+    """Sectors (S) that are believed."""
     noise: float
+    """What the model leaves of a pixel, one standard deviation, in grey values."""
     level: float
+    """How bright the middle of the sphere is, in grey values."""
     last: FloatArray
     """The step that was taken last."""
 
