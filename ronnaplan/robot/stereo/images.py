@@ -54,9 +54,12 @@ def read_image(path: Path) -> Image:
     import cv2
 
     content = np.frombuffer(read_whole(path, LARGEST_BYTES, expected="an image"), dtype=np.uint8)
-    image = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
+    try:
+        image = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
+    except cv2.error:  # of one that says of itself that it has more pixels than any
+        image = None
     if image is None:
-        raise InputError(f"{path} is no image; expected grey values as {', '.join(ENDINGS)}")
+        raise InputError(f"{path} is no image, or damaged; expected grey values as {', '.join(ENDINGS)}")
     if image.ndim != 2 or image.dtype not in (np.uint8, np.uint16):
         raise InputError(
             f"{path} has the shape {image.shape} of {image.dtype}; expected one grey value of 8 or 16 bits a pixel"

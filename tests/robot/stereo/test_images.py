@@ -44,3 +44,13 @@ def test_images_are_paired_by_their_number(tmp_path: Path) -> None:
         read_pairs(tmp_path)
     with pytest.raises(InputError, match="no folder"):
         read_pairs(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("content", [b"", b"P5\n100000 100000\n255\n", b"P5\n50 40\n255\n", b"no image"])
+def test_what_is_no_image_or_damaged_is_named(tmp_path: Path, content: bytes) -> None:
+    """One that says of itself that it is as large as a house ended in a traceback of OpenCV."""
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+        (tmp_path / side / "1.pgm").write_bytes(content)
+    with pytest.raises(InputError, match=r"1\.pgm is no image, or damaged; expected grey values as \.png"):
+        read_pairs(tmp_path)
