@@ -195,7 +195,7 @@ def seen_tool(
     ``geometry`` are the spheres in M. A recording of poses gives their mean; one of single spheres is searched for
     them. ``sigma_mm`` is the tracker's error per axis of one sphere, which averaging does not remove. Raises
     `FrameMismatchError` where the names of the tools say that their poses are in the coordinates of several systems,
-    `InputError` where they are the robot's.
+    `InputError` where they are the robot's, and where neither spheres nor readings err.
     """
     check_type(recording, Recording, "the recording", "read_recording returns one")
     check_type(
@@ -218,9 +218,10 @@ def seen_tool(
         assert found.registration is not None
         return found.registration.pose
     matrix = resting_matrix(tool_poses(recording, tool), "the tool")
-    own = matrix[:3, :3] @ geometry.covariances_mm2 @ matrix[:3, :3].T
-    spheres = transform_points(matrix, geometry.positions_mm)
-    return Pose(matrix, pose_covariance(spheres, own + sigma_mm**2 * np.eye(3)), OTS, M)
+    errors_mm2 = matrix[:3, :3] @ geometry.covariances_mm2 @ matrix[:3, :3].T + sigma_mm**2 * np.eye(3)
+    if np.linalg.eigvalsh(errors_mm2).min() <= 0:
+        raise InputError("neither the tool's spheres nor their readings err as stated; state an error above zero")
+    return Pose(matrix, pose_covariance(transform_points(matrix, geometry.positions_mm), errors_mm2), OTS, M)
 
 
 def robot_pose(matrix: FloatArray, sigma_mm: float = SIGMA_ROBOT_MM, sigma_deg: float = SIGMA_ROBOT_DEG) -> Pose:

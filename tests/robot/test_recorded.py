@@ -155,6 +155,16 @@ def test_a_tool_whose_spheres_lie_where_no_tool_s_do_is_refused() -> None:
         seen_tool(at_rest, Points.exact(10 * SPHERES, tuple("ABCD"), M))
 
 
+def test_a_tool_of_which_nothing_errs_is_refused() -> None:
+    """Its pose's error ended in a traceback of NumPy."""
+    at_rest, exact = recording((0, "a", placed(3))), Points.exact(SPHERES, tuple("ABCD"), M)
+    with pytest.raises(
+        InputError, match="neither the tool's spheres nor their readings err as stated; state an error"
+    ):
+        seen_tool(at_rest, exact, sigma_mm=0.0)
+    assert (np.linalg.eigvalsh(seen_tool(at_rest, exact, sigma_mm=1e-6).covariance) > 0).all()
+
+
 def geometry_of(spheres: np.ndarray) -> Points:
     labels = tuple(f"S{k + 1}" for k in range(len(spheres)))
     return Points(spheres, np.tile(0.02**2 * np.eye(3), (len(spheres), 1, 1)), labels, M)
