@@ -105,12 +105,10 @@ def find_outlines(image: Image, camera: Camera) -> list[Outline]:
 def find_cones(image: Image, camera: Camera) -> list[Cone]:
     """Return every cone in ``image`` (rows, columns; grey) that edges agree on, best supported first.
 
-    Raises `InputError` for an image that is not two-dimensional or not finite, or not of the camera's size, and
-    `UsageError` for what is no array.
+    Raises `UsageError` for what is no array, `InputError` for what is no grey image, all finite, of the camera's size.
     """
     check_type(image, np.ndarray, "a camera's image", "give its grey values as an array (rows, columns)")
-    small = image.ndim != 2 or min(image.shape) < 4 * SMALLEST_RADIUS_PX
-    kind = image.dtype.kind
+    small, kind = image.ndim != 2 or min(image.shape) < 4 * SMALLEST_RADIUS_PX, image.dtype.kind
     if small or kind not in "uif" or (kind == "f" and not np.isfinite(image).all()):
         raise InputError(
             f"a camera image has shape {image.shape} of {image.dtype}; expected grey values (rows, columns), all finite"
