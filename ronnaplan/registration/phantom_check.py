@@ -170,9 +170,7 @@ class PhantomCheck:
         found = fitted_beside(
             fit.residual_vectors_mm, fit.covariances_mm2, point_jacobian(mapped), moves, WIDEST_STRETCH
         )
-        scatter = max(
-            found.chi_square / found.freedom, 1.0
-        )  # freedom is two and more, of `LEAST_MARKERS` and more
+        scatter = max(found.chi_square / found.freedom, 1.0)  # of two freedoms and more, with `LEAST_MARKERS`
         errors = np.sqrt(found.variances * scatter)
         limit = float(stdtrit(found.freedom, 0.5 + SURE / 2.0))
         told = tuple(
