@@ -71,6 +71,7 @@ def place_robot() -> None:
 
     from ronnaplan.documents.room_example import example_room
     from ronnaplan.robot.arm.kuka import kr6_r900
+    from ronnaplan.robot.placement.blocking import at_reference
     from ronnaplan.robot.placement.job import Job
     from ronnaplan.robot.placement.placement import COARSE, find_places
     from ronnaplan.robot.placement.serving import served_by_each
@@ -89,8 +90,10 @@ def place_robot() -> None:
     head = center + 80.0 * np.concatenate([np.eye(3), -np.eye(3)])
     tracker = None if room.tracker is None else np.array(room.tracker.position_mm)
     job = Job(kr6_r900(), room, np.eye(4), tasks, world_of(room, head, tracker))
-    for place in find_places(job).places:  # as where no free move reaches a task's best way
-        next(served_by_each(job.problem(COARSE), tasks[0], 0, place.room_from_r), None)
+    for place in find_places(job).places:  # as where no free move reaches a task's best way, or leads anywhere
+        problem = job.problem(COARSE)
+        next(served_by_each(problem, tasks[0], 0, place.room_from_r), None)
+        at_reference(job, problem, place.room_from_r, place.route.reference_deg)
 
 
 def see_sphere() -> None:

@@ -92,7 +92,13 @@ def run(arguments: argparse.Namespace) -> int:
     write_document(arguments.output, document, read_placement)
     if document.status == "blocked":
         raise RefusedError("no place serves every task; " + document.blocked[0])
-    if stuck := document.robot_from_ct[0].route.stuck:
+    best = document.robot_from_ct[0]
+    if best.at_reference is not None:
+        raise RefusedError(
+            f"no free way leads to any task: {best.at_reference}; state another reference_deg in the room, in which "
+            "nothing comes nearer"
+        )
+    if stuck := best.route.stuck:
         raise RefusedError(
             f"no free way leads from the reference posture to {', '.join(stuck)}; state another reference_deg in the "
             "room, from where the arm reaches them without passing head, table or itself"

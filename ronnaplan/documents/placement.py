@@ -137,7 +137,7 @@ class MarkerEntry(DocumentModel):
 class PlaceEntry(_Grown):
     """One base: R from CT and room from R, mm, and all it does."""
 
-    newer = ("near",)
+    newer = ("near", "at_reference")
 
     r_from_ct: Matrix4
     room_from_r: Matrix4
@@ -148,6 +148,8 @@ class PlaceEntry(_Grown):
     robot: RobotEntry | None = None
     near: tuple[Line, ...] = ()
     """What of the tool comes near the wrist on the way."""
+    at_reference: Line | None = None
+    """What the arm meets in its reference posture, from which no way leads then."""
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -289,7 +291,9 @@ def placement_text(document: PlacementDocument) -> str:
         )
         if place.route.order:
             lines.append(f"  order: {', '.join(place.route.order)} ({place.route.travel_deg:.0f} degrees)")
-        if place.route.stuck:
+        if place.at_reference is not None:
+            lines.append(f"  no free way: {place.at_reference}")
+        elif place.route.stuck:
             lines.append(f"  no free way from the reference posture to {', '.join(place.route.stuck)}")
         lines += [f"  {sentence}" for sentence in place.near]
     return "\n".join([*lines, *document.blocked])

@@ -81,6 +81,7 @@ def _place(found: Placement, place: Place, arm: SerialArm, room: Room) -> dict[s
             "stuck": route.stuck,
         },
         "near": place.near,
+        "at_reference": place.at_reference,
     }
 
 

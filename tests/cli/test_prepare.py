@@ -48,13 +48,16 @@ for seed, (counts, outliers) in enumerate([((12,), 8), ((20, 20), 0), ((40,), 60
         match_points(ots, ct, sigma_ct_mm=0.3)
 """
 PLACED = """
+from ronnaplan.robot.placement.blocking import at_reference
 from ronnaplan.robot.placement.placement import COARSE, find_places
 from ronnaplan.robot.placement.room import Floor
 from ronnaplan.robot.placement.serving import served_by_each
 from tests.robot.placement.cases import job
 given = job(1, 2, 1, floor=Floor((-800.0, -650.0), (-600.0, -500.0), (850.0, 900.0)))
 place = find_places(given).places[0]
-assert next(served_by_each(given.problem(COARSE), given.tasks[0], 0, place.room_from_r))
+problem = given.problem(COARSE)
+assert next(served_by_each(problem, given.tasks[0], 0, place.room_from_r))
+assert at_reference(given, problem, place.room_from_r, place.route.reference_deg) is None
 """
 SEEN = """
 import numpy as np

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import SimpleITK as sitk
 from phantoms.fast import render
 from phantoms.output import write_phantom
 from phantoms.stack import axial_stack
+from ronnaplan.case.placed import placement_doubts
 from ronnaplan.cli import main
 from ronnaplan.ct import read_ct
 from ronnaplan.documents.placement import read_placement
@@ -21,7 +23,7 @@ from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.arm.inverse import inverse
 from ronnaplan.robot.arm.kuka import kr6_r900
-from ronnaplan.robot.placement.room import Room
+from ronnaplan.robot.placement.room import Room, base_place
 from ronnaplan.robot.placement.world import World, world_of
 from ronnaplan.transforms import cross_matrix
 from tests import cases
@@ -210,19 +212,41 @@ def test_what_stands_in_the_way_is_written_and_refused(
 def test_a_place_from_where_the_way_is_not_free_is_written_and_refused(
     case: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """An arm whose reference posture lies within what stands about gets nowhere."""
+    """An arm whose reference posture lies within what stands about gets nowhere; it is told what it meets there."""
     room, output = tmp_path / "room.toml", tmp_path / "placement.json"
     text = Path(case[-1]).read_text()
     assert "reference_deg = [0, -120, 120, 0, 60, 0]" in text
     room.write_text(text.replace("[0, -120, 120, 0, 60, 0]", "[0, 40, 120, 0, 60, 0]"))
-    assert main([*case[:-1], str(room), "-o", str(output)]) == 3
+    asked, place = [*case[:-1], str(room), "-o", str(output)], list[str]()
+    for status in ("placed", "parked"):
+        assert main([*asked, *place]) == 3
+        told = capsys.readouterr().err
+        found = read_placement(output)
+        best = found.robot_from_ct[0]
+        assert (found.status, best.route.stuck) == (status, ("LH",))
+        assert best.at_reference == "forearm would meet base in the reference posture; 20 mm are asked for"
+        assert f"no free way leads to any task: {best.at_reference}; state another reference_deg in" in told
+        assert told.count("no free way") == 2  # of the place, and why it is refused
+        assert not [word for word in ("probability", "order", "between the reference posture and") if word in told]
+        doubts = placement_doubts(found, (), None)
+        assert [one for one in doubts if "free" in one] == [
+            f"the robot has no free way to any task: {best.at_reference}"
+        ]
+        place = ["--parked", *map(str, base_place(np.array(best.room_from_r)))]
+
+
+def test_a_task_that_no_free_way_leads_to_is_told_by_name(
+    case: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def leads_nowhere(*given: Any) -> bool:
+        return bool((given[3][0] == given[3][1]).all())
+
+    monkeypatch.setattr("ronnaplan.robot.placement.route.is_free", leads_nowhere)
+    output = tmp_path / "placement.json"
+    assert main([*case, "-o", str(output)]) == 3
     told = capsys.readouterr().err
     assert "no free way leads from the reference posture to LH; state another reference_deg" in told
-    assert "probability" not in told
-    assert "order" not in told
-    assert "between the reference posture and" not in told
-    found = read_placement(output)
-    assert (found.status, found.robot_from_ct[0].route.stuck) == ("placed", ("LH",))
+    assert read_placement(output).robot_from_ct[0].at_reference is None
 
 
 @pytest.mark.parametrize(

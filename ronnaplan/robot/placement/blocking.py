@@ -110,6 +110,16 @@ def _state(problem: Problem, task: int, base: FloatArray) -> Blocked:
     return Blocked(*state(machine, problem.world, problem.ways, standing_on(machine, base), task))
 
 
+def at_reference(job: Job, problem: Problem, base: FloatArray, posture_deg: FloatArray) -> str | None:
+    """Say what the arm meets in its reference posture (6,) on ``base`` (4, 4); None where it is free there."""
+    machine, world = problem.machine, problem.world
+    postures, no_instrument = np.radians(posture_deg)[None], np.zeros(7)
+    met = Blocked(*nearest(machine, world, standing_on(machine, base), no_instrument, postures, -np.inf))
+    if met.margin >= world.needs[CLEARANCE_NEED]:
+        return None
+    return met.sentence(job, "in the reference posture")
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def state(
     machine: Machine, world: World, ways: Ways, standing: Standing, task: int
@@ -157,12 +167,32 @@ def _reached(
         return LIMIT, np.degrees(margins[0]), _tightest(machine, angles)
     if margins[1] < world.needs[SINGULAR_NEED]:
         return SINGULAR, np.degrees(margins[1]), 0
+    need = world.needs[CLEARANCE_NEED]
+    stage, least, body, other = nearest(machine, world, standing, instrument, angles, min(beyond, need))
+    if least < need:
+        standing.pair[1] = other
+        return stage, least, body
+    for p in range(len(angles)):
+        _, view = posture_margins(machine, world, standing, instrument, angles[p], 0.0, True)
+        if view < world.needs[VIEW_NEED]:
+            return HIDDEN, np.degrees(view), 0
+    return SERVED, np.inf, 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def nearest(
+    machine: Machine, world: World, standing: Standing, instrument: FloatArray, angles: FloatArray, enough: float
+) -> tuple[int, float, int, int]:
+    """Return the two that come nearest in postures (P, 6): the stage if that is too near, how near, and which.
+
+    These are a body and what it comes near to. As soon as two are nearer than ``enough`` (mm), the nearest are not
+    sought.
+    """
     trolley, bodies, pair = standing.trolley, standing.bodies, standing.pair
     least, body, other = np.inf, 0, 0
     for p in range(len(angles)):
         place_links(machine.origins, machine.axes, angles[p], standing.frames)
         place_bodies(machine, instrument, standing.frames, bodies)
-        enough = min(beyond, world.needs[CLEARANCE_NEED])
         away = clearance(machine, world, trolley, bodies, enough, np.inf, pair)
         if away < least:
             least, body, other = away, pair[0], pair[1]
@@ -170,15 +200,8 @@ def _reached(
                 other -= _thing(world, trolley, bodies[body], is_high(machine, body))
         if least < enough:
             break
-    if least < world.needs[CLEARANCE_NEED]:
-        pair[1] = other
-        of_wrist = other >= 0 and machine.kept[body, other] == APART
-        return OVERLAP if of_wrist else COLLISION, least, body
-    for p in range(len(angles)):
-        _, view = posture_margins(machine, world, standing, instrument, angles[p], 0.0, True)
-        if view < world.needs[VIEW_NEED]:
-            return HIDDEN, np.degrees(view), 0
-    return SERVED, np.inf, 0
+    of_wrist = other >= 0 and machine.kept[body, other] == APART
+    return OVERLAP if of_wrist else COLLISION, least, body, other
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -54,6 +54,8 @@ class Place:
     """None where the base was measured."""
     near: tuple[str, ...]
     """What of the tool comes near the wrist on the way, in sentences."""
+    at_reference: str | None = None
+    """What the arm meets in its reference posture, a sentence; None where that is free."""
 
     @property
     def worst_joint_deg(self) -> float:
@@ -77,7 +79,8 @@ class Placement:
 def find_places(job: Job) -> Placement:
     """Return the best bases on the room's floor, apart from each other, or what stands in the way.
 
-    One with free ways to all tasks comes before any that has none to some.
+    One with free ways to all tasks comes before any that has none to some, and these before any at which the reference
+    posture is not free.
     """
     coarse = job.problem(COARSE)
     places = grid(coarse)
@@ -107,7 +110,9 @@ def find_places(job: Job) -> Placement:
         missing = PLACES - sum(not one.route.stuck for one in found)
     if not found:
         return Placement(job.room_from_ct, (), ("looked at closely, no base serves every task all along its way",))
-    found.sort(key=lambda one: (len(one.route.stuck), -least_worth(job.world, one.served)))
+    found.sort(
+        key=lambda one: (one.at_reference is not None, len(one.route.stuck), -least_worth(job.world, one.served))
+    )
     return Placement(job.room_from_ct, tuple(found[:PLACES]), ())
 
 
@@ -158,7 +163,8 @@ def _place(job: Job, fine: Problem, room_from_r: FloatArray, sure: float | None)
         for (a, start), (b, end) in itertools.pairwise(route.corners)
     ]
     near = what_comes_near(fine.machine, passages, job.body_names, job.room.margins.clearance_mm)
-    return Place(room_from_r, turned, route, sure, near)
+    met = blocking.at_reference(job, fine, room_from_r, route.reference_deg) if route.stuck else None
+    return Place(room_from_r, turned, route, sure, near, met)
 
 
 def _blocked(job: Job, coarse: Problem, climbed: Climbed) -> tuple[str, ...]:
