@@ -45,6 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ronnaplan.documents.rig import read_rig, read_spheres, spheres_document
     from ronnaplan.geometry import rms_mm
     from ronnaplan.robot.recorded import robot_pose
+    from ronnaplan.robot.stereo.again import contradiction
     from ronnaplan.robot.stereo.markers import relocate
 
     rig = read_rig(arguments.rig)
@@ -59,6 +60,8 @@ def run(arguments: argparse.Namespace) -> int:
         largest_mm=arguments.largest_error,
         lamp_sd_deg=arguments.lamp_offset,
     )
+    contradicted = contradiction(found)
+    notes = (*notes, *([] if contradicted is None else [contradicted]))
     warn(*notes)
     write_document(arguments.output, spheres_document(found, arguments.diameter, notes), read_spheres)
     points = found.points

@@ -31,7 +31,7 @@ from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.stereo.board import FEWEST_BOARDS, FEWEST_CORNERS, MOST_CORNERS
 from ronnaplan.robot.stereo.calibration import StereoCalibration, TcpCalibration
 from ronnaplan.robot.stereo.camera import RIG, Boards, Camera, StereoRig
-from ronnaplan.robot.stereo.markers import RobotMarkers
+from ronnaplan.robot.stereo.robot_markers import RobotMarkers
 
 LARGEST_LENS = 1e6
 """No camera has so many pixels, and no lens such a distortion."""

@@ -22,10 +22,10 @@ from .stereo.calibration import (
 )
 from .stereo.camera import Camera as Camera, StereoRig as StereoRig
 from .stereo.markers import (
-    RobotMarkers as RobotMarkers,
     RobotRegistration as RobotRegistration,
     register_robot_markers as register_robot_markers,
     relocate as relocate,
 )
+from .stereo.robot_markers import RobotMarkers as RobotMarkers
 from .stereo.sphere import StereoSphere as StereoSphere, locate_sphere as locate_sphere
 from .trajectories import RobotTrajectory as RobotTrajectory, robot_trajectory as robot_trajectory

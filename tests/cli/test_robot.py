@@ -34,6 +34,7 @@ from ronnaplan.robot.stereo.images import read_pairs
 from ronnaplan.robot.stereo.markers import in_rig
 from ronnaplan.tracking import find_markers, read_recording
 from tests import cases
+from tests.robot.misreadings import MISREAD, misread
 from tests.robot.stereo.boards import find_once
 from tests.robot.test_pivot import recording
 
@@ -382,6 +383,36 @@ def test_what_does_not_belong_together_is_refused(home: Path, capsys: pytest.Cap
     )
     assert status == 1
     assert "frame 0: no sphere of 9 mm" in text
+
+
+def test_looks_at_one_sphere_tell_that_something_moved_or_how_poses_were_misread(
+    home: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    driven = read_recording(home / "session" / "sphere_robot.csv")
+    poses = np.array([one.matrix for one in driven.tools])
+    moved = poses.copy()
+    moved[5, 0, 3] += 0.6
+    asked = [
+        "relocate",
+        str(home / "session" / "sphere"),
+        str(tmp_path / "robot.csv"),
+        "--rig",
+        str(home / "rig.json"),
+    ]
+    header = ",".join(["frame", *(f"m{row}{column}" for row in range(4) for column in range(4))])
+    told = []
+    for status, given in ((0, poses), (0, moved), (3, misread(poses, "scalar last"))):
+        numbered = np.column_stack([np.arange(len(given)), given.reshape(-1, 16)])
+        np.savetxt(tmp_path / "robot.csv", numbered, ["%d", *["%.12g"] * 16], ",", header=header, comments="")
+        output = ["--diameter", "11.5", "-o", str(tmp_path / "spheres.json")]
+        assert main(["robot", *asked, *output]) == status
+        told.append((capsys.readouterr().err, read(tmp_path / "spheres.json")["notes"]))
+    (_, nothing), (warned, (note,)), (refused, _) = told
+    assert nothing == []
+    assert "frames 5 and" in note or "and 5 (and" in note
+    assert "show one sphere at places 0.6" in note
+    assert note in warned
+    assert f"robot's poses {MISREAD['scalar last']}" in refused or f"in them {MISREAD['scalar last']}" in refused
 
 
 def test_recordings_that_are_mixed_up_are_refused_or_doubted(

@@ -45,7 +45,8 @@ from ronnaplan.robot.placement.route import Route
 from ronnaplan.robot.placement.serving import Served
 from ronnaplan.robot.stereo.calibration import StereoCalibration, TcpCalibration
 from ronnaplan.robot.stereo.camera import RIG, Boards, Camera
-from ronnaplan.robot.stereo.markers import RobotMarkers, register_robot_markers
+from ronnaplan.robot.stereo.markers import register_robot_markers
+from ronnaplan.robot.stereo.robot_markers import RobotMarkers
 from ronnaplan.transforms import rigid
 from ronnaplan.untrusted import parse_json
 from tests import cases

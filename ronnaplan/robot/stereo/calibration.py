@@ -13,6 +13,7 @@ from ronnaplan.geometry import FloatArray, as_points
 from ronnaplan.pose import Pose, as_poses, as_stack
 from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.hand_eye import require_two_axes
+from ronnaplan.robot.misread import as_meant
 from ronnaplan.robot.stereo.board import grid_mm, quarters_apart, recounted, require_board, seen_by_both
 from ronnaplan.robot.stereo.calibration_errors import MEASURE_SQUARES, judged, known_share, with_exact_squares
 from ronnaplan.robot.stereo.calibration_fit import UNDETERMINED as BOARDS_UNDETERMINED
@@ -176,13 +177,28 @@ def calibrate_tcp(robot_from_tcp: ArrayLike, spheres_mm: ArrayLike) -> TcpCalibr
     require_two_axes(poses[:, :3, :3], "where the rig is")
     found = _refine(poses, spheres, _start(poses, spheres))
     if found.sd_mm > LARGEST_SD_MM:
-        raise RefusedError(
+        said = (
             f"the sphere did not rest, or poses and images do not belong together: its places in R scatter by "
-            f"{found.sd_mm:.2g} mm per axis, expected at most {LARGEST_SD_MM:g}; check the frames' numbers, that the "
-            "robot's poses are in mm, how their rotations were turned into matrices (the order of angles, or of a "
-            "quaternion's numbers), and that no camera mirrors its images"
+            f"{found.sd_mm:.2g} mm per axis, expected at most {LARGEST_SD_MM:g}"
+        )
+        if misread := [mistake for mistake, meant in as_meant(poses) if _rests(meant, spheres)]:
+            raise RefusedError(
+                f"{said}; it rested if in the robot's poses {', or '.join(dict.fromkeys(misread))}: turn them into "
+                "matrices, or a quaternion, anew"
+            )
+        raise RefusedError(
+            f"{said}; check the frames' numbers, that the robot's poses are in mm, how their rotations were turned "
+            "into matrices (the order of angles, or of a quaternion's numbers), and that no camera mirrors its images"
         )
     return found
+
+
+def _rests(poses: FloatArray, spheres: FloatArray) -> bool:
+    """Whether ``spheres`` (N, 3) in the rig are one that rests in R, seen from ``poses`` (N, 4, 4)."""
+    try:
+        return _refine(poses, spheres, _start(poses, spheres)).sd_mm <= LARGEST_SD_MM
+    except InputError:
+        return False  # these poses do not tell
 
 
 def require_size(spheres: Sequence[StereoSphere], rig: StereoRig, diameter_mm: float) -> None:

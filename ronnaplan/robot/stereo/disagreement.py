@@ -33,12 +33,11 @@ def explanations(
     unless errors as stated leave residuals as large less than once in a million times, and a movement between two
     looks, or steadily over all, or a shift of the cameras at the TCP explains them better than one loose marker.
     """
-    chance = fit.fit_probability
-    if chance is None or chance >= DRIFT_PROBABILITY:
+    if not disagrees(fit):
         return []
     motion = moved_together(fit.transform, fit.moving_mm)
     shift = motion[..., 3:]
-    best = doubtful = max(MISFIT_PROBABILITY, _one_loose(fit))
+    best = doubtful = explained_by_one(fit)
     told = []
     in_order = np.sort(looks)
     for share, fewest, when in _movements([names[look] for look in in_order.tolist()]):
@@ -55,6 +54,17 @@ def explanations(
     if told and fit.stretch is not None:
         told.append("the scan's pixel size or slice distance were wrong")
     return told
+
+
+def disagrees(fit: Registration) -> bool:
+    """Whether errors as stated leave residuals as large less than once in a million times."""
+    chance = fit.fit_probability
+    return chance is not None and chance < DRIFT_PROBABILITY
+
+
+def explained_by_one(fit: Registration) -> float:
+    """Return how likely errors leave what one loose marker does not explain; other causes have to be likelier."""
+    return max(MISFIT_PROBABILITY, _one_loose(fit))
 
 
 def is_split(fit: Registration, *, left_out: bool) -> bool:

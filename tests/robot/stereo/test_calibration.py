@@ -15,6 +15,7 @@ from ronnaplan.robot.stereo.calibration import calibrate_on_board, calibrate_tcp
 from ronnaplan.robot.stereo.sphere import locate_sphere
 from ronnaplan.transforms import invert
 from tests.long import few_or_all
+from tests.robot.misreadings import MISREAD, misread
 from tests.robot.stereo.boards import find_once
 from tests.robot.stereo.stereo_views import DIAMETER, RIG_EXACT, moved, placed
 
@@ -197,3 +198,10 @@ def test_looks_and_poses_that_do_not_belong_together_do_not_place_the_rig() -> N
     for wrong in (np.roll(poses, 1, axis=0), in_cm):
         with pytest.raises(RefusedError, match="its places in R scatter by"):
             calibrate_tcp(wrong, spheres)
+
+
+@pytest.mark.parametrize("read", MISREAD)
+def test_rotations_of_the_robot_that_were_misread_are_told(read: str) -> None:
+    poses, spheres, _ = looks(0, 12, 0.01)
+    with pytest.raises(RefusedError, match=f"it rested if in the robot's poses .*{MISREAD[read]}"):
+        calibrate_tcp(misread(poses, read), spheres)

@@ -5,7 +5,8 @@ import pytest
 
 from ronnaplan.errors import RefusedError
 from ronnaplan.geometry import Points
-from ronnaplan.robot.stereo.markers import RobotMarkers, RobotRegistration, register_robot_markers
+from ronnaplan.robot.stereo.markers import RobotRegistration, register_robot_markers
+from ronnaplan.robot.stereo.robot_markers import RobotMarkers
 from ronnaplan.transforms import invert, transform_points
 from tests.robot.stereo.test_markers import looked
 

@@ -10,8 +10,10 @@ from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import Frame, Points
 from ronnaplan.pose import Pose
 from ronnaplan.robot.chain import TCP
+from ronnaplan.robot.stereo.again import require_apart
 from ronnaplan.robot.stereo.camera import RIG
-from ronnaplan.robot.stereo.markers import RobotMarkers, register_robot_markers, require_apart
+from ronnaplan.robot.stereo.markers import register_robot_markers
+from ronnaplan.robot.stereo.robot_markers import RobotMarkers
 from ronnaplan.transforms import invert, transform_points
 from tests.long import few_and_others, few_or_all
 
