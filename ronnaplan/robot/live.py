@@ -25,7 +25,7 @@ from ronnaplan.robot.twists import twist
 from ronnaplan.sigmas import SIGMA_OTS_MM, SIGMA_ROBOT_DEG, SIGMA_ROBOT_MM
 from ronnaplan.text import listed
 from ronnaplan.tracking import PointReading, Recording, ToolReading
-from ronnaplan.tracking.frames import LARGEST_STEP_MM, TWICE_MM, is_doubled, labelled_frames
+from ronnaplan.tracking.frames import LARGEST_STEP_MM, are_read_twice, labelled_frames
 from ronnaplan.tracking.recording import OK
 from ronnaplan.transforms import adjoint, carried, invert
 
@@ -113,10 +113,12 @@ class LiveChain:
             self._showing.clear()
             return _unseen(recording.notes[-1])
         try:
-            seen = self._seen_head(recording)
+            frames, seen = self._seen_head(recording), None
         except InputError as error:  # more readings than a tracker makes, or more devices than one
             return _unseen(str(error))
-        head = check_drift(self.head, seen) if seen is not None else None
+        head = None
+        if frames:
+            head, seen = self._drift(frames)
         try:
             capture = self._capture(recording)
         except RefusedError as error:
@@ -130,8 +132,18 @@ class LiveChain:
         valid = status is LiveStatus.VALID
         return Moment(status, head, robot, robot_from_ct(self.ots_from_ct, capture) if valid else None)
 
-    def _seen_head(self, recording: Recording) -> Points | None:
-        """Return the head's markers in the last frame that shows three or more, followed from moment to moment.
+    def _drift(self, frames: Sequence[Points]) -> tuple[Drift, Points]:
+        """Return what the last of ``frames`` tells of the head, or an earlier one in which it had moved, and that one.
+
+        Where some frames of a moment show it moved and others not, former places may be sent along.
+        """
+        told = [(check_drift(self.head, one), one) for one in frames[-1:]]
+        if told[-1][0].status is DriftStatus.STILL:
+            told += [(check_drift(self.head, one), one) for one in frames[:-1]]
+        return next((one for one in told if one[0].status is DriftStatus.PATIENT_MOVED), told[0])
+
+    def _seen_head(self, recording: Recording) -> list[Points]:
+        """Return the head's markers in each frame that shows three or more, followed from moment to moment.
 
         Raises `InputError` where several devices have shown them: one may lag behind, or repeat what is over.
         """
@@ -141,7 +153,7 @@ class LiveChain:
         frames = labelled_frames(recording, self._followed, sigma_mm=self.sigma_mm)
         enough = [points for _, points in frames if len(points) >= 3]
         if not enough:
-            return None
+            return []
         self._showing |= {devices[number] for number, points in frames if len(points) >= 3}
         if len(self._showing) > 1:
             raise InputError(
@@ -153,7 +165,7 @@ class LiveChain:
         self._followed = replace(
             self._followed, positions_mm=np.array([places[one] for one in self._followed.labels])
         )
-        return enough[-1]
+        return enough
 
     def _of_head_device(self, recording: Recording) -> Recording:
         """Return the recording without other devices' points; raises `InputError` where there are none but theirs."""
@@ -215,17 +227,18 @@ class LiveChain:
 def _too_few(recording: Recording, followed: Points) -> str:
     """Say that the head's markers, which were last at ``followed``, are not seen, and why."""
     told = f"no three of the head's markers off one line are seen{_mostly_said(recording.points)}"
-    places = np.array([one.position_mm for one in recording.points if one.usable]).reshape(-1, 1, 3)
+    usable = [one for one in recording.points if one.usable]
+    last = max((one.frame for one in usable), default=0)
+    here = np.array([one.position_mm for one in usable if one.frame == last]).reshape(-1, 3)
+    if are_read_twice(here, followed.positions_mm):
+        return (
+            f"{told}; markers are read at two places of one frame, of which one may be of before a movement: let the "
+            "tracker send each once"
+        )
+    places = np.array([one.position_mm for one in usable]).reshape(-1, 1, 3)
     away_mm = np.linalg.norm(places - followed.positions_mm, axis=2).min(axis=1)
     if not len(away_mm) or float(np.median(away_mm)) <= LARGEST_STEP_MM:
-        last = max((one.frame for one in recording.points if one.usable), default=0)
-        here = np.array([one.position_mm for one in recording.points if one.usable and one.frame == last])
-        if not any(is_doubled(here, number) for number in range(len(here))):
-            return told
-        return (
-            f"{told}; markers are read at two places of one frame, less than {TWICE_MM:g} mm apart, of which one may "
-            "be of before a movement: let the tracker send each once"
-        )
+        return told
     return (
         f"{told}; most points are {np.median(away_mm):.0f} mm and more from where markers were last: if these are the "
         "head's, it was moved; register again"

@@ -14,6 +14,9 @@ LARGEST_STEP_MM = 20.0
 """A marker is not followed further than this between frames, nor than half the way to its nearest neighbour."""
 TWICE_MM = 5.0
 """No two markers are so near to each other: one was read twice, or something beside it, and neither reading counts."""
+COPY_MM, COPY_TURN, COPY_AWAY_MM = 1.5, 0.3, 100.0
+"""Three readings are three markers once more where they lie to each other as these do, to the first (five standard
+deviations of a distance that a tracker tells), turned by less than the second (rad), and nearer than the third."""
 MOST_SEEN = MOST_MARKERS + MOST_STRAYS
 """No tracker sees more in one frame; each is compared with each known marker."""
 
@@ -24,9 +27,10 @@ def labelled_frames(
     """Return (frame number, markers seen) of each frame of ``recording``, with the labels of ``reference``.
 
     Each marker is followed from its reference position on. One that has two readings within `TWICE_MM`, of which
-    either may be of before a movement, is not seen. ``sigma_mm`` is the error per axis of a reading that does not
-    state its own. Raises `FrameMismatchError` for a recording in another frame, `InputError`
-    for a reference of fewer than two markers and for more than `MOST_SEEN` readings in one frame.
+    either may be of before a movement, is not seen; nor is any where three are read once more elsewhere.
+    ``sigma_mm`` is the error per axis of a reading that does not state its own. Raises `FrameMismatchError` for a
+    recording in another frame, `InputError` for a reference of fewer than two markers and for more than `MOST_SEEN`
+    readings in one frame.
     """
     from scipy.spatial.distance import pdist
 
@@ -48,7 +52,8 @@ def labelled_frames(
         if len(current) > MOST_SEEN:
             raise InputError(f"frame {number} holds {len(current)} readings; expected {MOST_SEEN} at most")
         places = np.array([r.position_mm for r in current]).reshape(-1, 3)
-        pairs = [(i, j) for i, j in sorted(assigned(places, last, gate).items()) if not is_doubled(places, i)]
+        pairs = sorted(assigned(places, last, gate).items())
+        pairs = [] if _is_copied(places, pairs) else [(i, j) for i, j in pairs if not is_doubled(places, i)]
         for i, j in pairs:
             last[j] = current[i].position_mm
         frames.append((number, _points(current, pairs, reference, sigma_mm)))
@@ -59,6 +64,31 @@ def is_doubled(places_mm: FloatArray, number: int) -> bool:
     """Whether another of the readings (N, 3) lies beside that of a ``number``; the same place told again does not."""
     apart_mm = np.linalg.norm(places_mm - places_mm[number], axis=1)
     return bool(((apart_mm > 0.0) & (apart_mm < TWICE_MM)).any())
+
+
+def are_read_twice(places_mm: FloatArray, last_mm: FloatArray) -> bool:
+    """Whether readings (N, 3) tell markers, which were last at ``last_mm`` (M, 3), at two places each."""
+    pairs = sorted(assigned(places_mm, last_mm, LARGEST_STEP_MM).items())
+    return any(is_doubled(places_mm, i) for i, _ in pairs) or _is_copied(places_mm, pairs)
+
+
+def _is_copied(places_mm: FloatArray, pairs: list[tuple[int, int]]) -> bool:
+    """Whether three of the readings (N, 3) that are in no pair lie to each other as three do that are in one.
+
+    Either may be of before a movement; the same places told again are no others.
+    """
+    own = [i for i, _ in pairs]
+    others = np.delete(places_mm, own, axis=0)
+    moved = others[:, np.newaxis] - places_mm[own]
+    away_mm = np.linalg.norm(moved, axis=2)
+    told_again = (away_mm == 0.0).any(axis=1, keepdims=True)
+    one, marker = np.nonzero((away_mm <= COPY_AWAY_MM) & ~told_again)
+    moved, there, here = moved[one, marker], others[one], places_mm[own][marker]
+    apart, copied = (np.linalg.norm(at[:, np.newaxis] - at, axis=2) for at in (here, there))
+    turned = np.linalg.norm(moved[:, np.newaxis] - moved, axis=2)
+    alike = (apart > 0.0) & (copied > 0.0) & (abs(apart - copied) < COPY_MM) & (turned < COPY_TURN * apart)
+    both = alike.astype(np.float64)
+    return bool((alike & (both @ both > 0.5)).any())
 
 
 def _points(

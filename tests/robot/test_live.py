@@ -75,14 +75,34 @@ def test_a_head_whose_readings_do_not_count_is_unseen_with_the_reason(room: Live
     assert moment.why.endswith(f"off one line are seen; {len(frozen)} readings say 'repeated'")
 
 
-def test_a_head_that_moved_is_not_valid_where_its_former_places_are_sent_along(room: LiveRoom) -> None:
+@pytest.mark.parametrize("by_mm", [1.2, 7.0, 40.0])
+def test_a_head_that_moved_is_not_valid_where_its_former_places_are_sent_along(
+    room: LiveRoom, by_mm: float
+) -> None:
     chain = live(room)
-    moved = recording(replace(room, head_moved=placed(Rotation.identity(), np.array([1.2, 0, 0]))))
+    moved = recording(replace(room, head_moved=placed(Rotation.identity(), np.array([by_mm, 0, 0]))))
     both = replace(moved, points=(*moved.points, *recording(room).points))
     moment = chain.judge(both)
     assert moment.status is LiveStatus.UNSEEN
     assert moment.robot_from_ct is None
-    assert "markers are read at two places of one frame, less than 5 mm apart" in moment.why
+    assert "markers are read at two places of one frame, of which one may be of before" in moment.why
+
+
+def test_a_head_that_moved_is_not_valid_where_its_former_places_come_in_frames_of_their_own(
+    room: LiveRoom,
+) -> None:
+    """The last frame alone told the moment, which was that of its former places as often as not."""
+    chain, whole = live(room), recording(room)
+    moved = recording(replace(room, head_moved=placed(Rotation.identity(), np.array([1.2, 0, 0]))))
+    new = [replace(one, frame=2 * one.frame) for one in moved.points]
+    former = [replace(one, frame=2 * one.frame + 1) for one in whole.points]
+    for points in (
+        [*new, *former],
+        [replace(one, frame=one.frame + 1) for one in new] + former[: len(former) // 2],
+    ):
+        moment = chain.judge(replace(moved, points=tuple(points)))
+        assert (moment.status, moment.robot_from_ct) == (LiveStatus.HEAD_MOVED, None)
+    assert chain.judge(whole).status is LiveStatus.VALID
 
 
 def test_a_head_that_is_seen_far_from_where_it_was_is_told_so(room: LiveRoom) -> None:

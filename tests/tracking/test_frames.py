@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import Frame, Points
@@ -36,6 +37,18 @@ def test_a_marker_that_is_read_at_two_places_of_one_frame_is_not_seen_there() ->
     again = [PointReading(1, place) for place in (*PLACES, *PLACES)]
     (_, first), (_, second) = labelled_frames(Recording("test", (*twice, *again)), REFERENCE)
     assert first.labels == ("F3",)
+    assert sorted(second.labels) == ["F1", "F2", "F3"]
+
+
+@pytest.mark.parametrize("away_mm", [3.0, 7.0, 40.0])
+def test_markers_that_are_read_once_more_elsewhere_are_not_seen(away_mm: float) -> None:
+    """Of two heads in one frame one is of before a movement; beyond 5 mm the former was taken for a head at rest."""
+    moved = (PLACES - PLACES[0]) @ Rotation.from_euler("z", 2.0, degrees=True).as_matrix() + PLACES[0]
+    moved += np.array([0.0, away_mm, 0.0])
+    strays = PLACES + np.array([[30.0, 0, 0], [0, 45.0, 0], [-15.0, 0, 60.0]])
+    both, beside = ([PointReading(k, one) for one in (*PLACES, *more)] for k, more in enumerate((moved, strays)))
+    (_, first), (_, second) = labelled_frames(Recording("test", (*both, *beside)), REFERENCE)
+    assert first.labels == ()
     assert sorted(second.labels) == ["F1", "F2", "F3"]
 
 
