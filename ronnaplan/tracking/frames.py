@@ -17,6 +17,8 @@ TWICE_MM = 5.0
 COPY_MM, COPY_TURN, COPY_AWAY_MM = 1.5, 0.3, 100.0
 """Three readings are three markers once more where they lie to each other as these do, to the first (five standard
 deviations of a distance that a tracker tells), turned by less than the second (rad), and nearer than the third."""
+MOST_COPIES = 1_000
+"""So many pairs of a marker and another reading near it are compared with each other, in tens of milliseconds."""
 MOST_SEEN = MOST_MARKERS + MOST_STRAYS
 """No tracker sees more in one frame; each is compared with each known marker."""
 
@@ -75,18 +77,25 @@ def are_read_twice(places_mm: FloatArray, last_mm: FloatArray) -> bool:
 def _is_copied(places_mm: FloatArray, pairs: list[tuple[int, int]]) -> bool:
     """Whether three of the readings (N, 3) that are in no pair lie to each other as three do that are in one.
 
-    Either may be of before a movement; the same places told again are no others.
+    Either may be of before a movement; the same places told again are no others. Of more than `MOST_COPIES` readings
+    beside markers, each with each, nobody could tell: they are taken for copies.
     """
+    from scipy.spatial.distance import cdist
+
     own = [i for i, _ in pairs]
     others = np.delete(places_mm, own, axis=0)
-    moved = others[:, np.newaxis] - places_mm[own]
-    away_mm = np.linalg.norm(moved, axis=2)
+    if min(len(own), len(others)) < 3:
+        return False
+    away_mm = cdist(others, places_mm[own])
     told_again = (away_mm == 0.0).any(axis=1, keepdims=True)
     one, marker = np.nonzero((away_mm <= COPY_AWAY_MM) & ~told_again)
-    moved, there, here = moved[one, marker], others[one], places_mm[own][marker]
-    apart, copied = (np.linalg.norm(at[:, np.newaxis] - at, axis=2) for at in (here, there))
-    turned = np.linalg.norm(moved[:, np.newaxis] - moved, axis=2)
+    if len(one) > MOST_COPIES:
+        return True
+    there, here = others[one], places_mm[own][marker]
+    apart, copied, turned = (cdist(at, at) for at in (here, there, there - here))
     alike = (apart > 0.0) & (copied > 0.0) & (abs(apart - copied) < COPY_MM) & (turned < COPY_TURN * apart)
+    two = alike.sum(axis=1) >= 2
+    alike = alike[np.ix_(two, two)]
     both = alike.astype(np.float64)
     return bool((alike & (both @ both > 0.5)).any())
 

@@ -52,6 +52,15 @@ def test_markers_that_are_read_once_more_elsewhere_are_not_seen(away_mm: float) 
     assert sorted(second.labels) == ["F1", "F2", "F3"]
 
 
+@pytest.mark.parametrize(("count", "seen"), [(300, 3), (400, 0)])
+def test_among_more_reflections_than_can_be_compared_no_marker_is_seen(count: int, seen: int) -> None:
+    """These lie in a row, and are no markers once more."""
+    row = PLACES.mean(axis=0) + np.linspace(0.0, 30.0, count)[:, np.newaxis] * np.eye(3)[0]
+    crowd = [PointReading(0, one) for one in (*PLACES, *row)]
+    ((_, points),) = labelled_frames(Recording("test", tuple(crowd)), REFERENCE)
+    assert len(points) == seen
+
+
 def test_a_frame_without_usable_readings_is_kept_empty() -> None:
     recording = Recording("test", (PointReading(4, np.full(3, np.nan), status="missing"),))
     ((number, points),) = labelled_frames(recording, REFERENCE)
