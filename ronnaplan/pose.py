@@ -165,18 +165,17 @@ def as_pose(matrix: ArrayLike, name: str = "pose", *, tolerance: float = POSE_TO
 
 def as_poses(matrices: ArrayLike, name: str) -> FloatArray:
     """Return ``matrices`` (N, 4, 4), each as `as_pose` makes it; its `InputError` names the first that is none."""
-    poses = as_written(matrices, name)
+    poses = as_stack(matrices, name)
+    require_poses(poses, name)
     require_millimetres_away(poses, f"{name} lies")
     return rigid(nearest_rotations(poses[:, :3, :3]), poses[:, :3, 3])
 
 
-def as_written(matrices: ArrayLike, name: str) -> FloatArray:
-    """Return ``matrices`` (N, 4, 4) as they are; its `InputError` names the first that `as_pose` would not take."""
-    poses = as_stack(matrices, name)
-    sound = _are_poses(poses) if poses.shape[1:] == (4, 4) else np.zeros(len(poses), dtype=bool)
+def require_poses(stack: FloatArray, name: str) -> None:
+    """Raise `InputError`, as `as_pose` does, that names the first of a ``stack`` (N, ., .) which is no pose."""
+    sound = _are_poses(stack) if stack.shape[1:] == (4, 4) else np.zeros(len(stack), dtype=bool)
     for wrong in np.flatnonzero(~sound):
-        as_pose(poses[wrong], f"{name} {wrong}")
-    return poses
+        as_pose(stack[wrong], f"{name} {wrong}")
 
 
 def require_millimetres_away(matrices: FloatArray, told: str) -> None:

@@ -60,8 +60,8 @@ def run(arguments: argparse.Namespace) -> int:
         largest_mm=arguments.largest_error,
         lamp_sd_deg=arguments.lamp_offset,
     )
-    contradicted = contradiction(found)
-    notes = (*notes, *([] if contradicted is None else [contradicted]))
+    if contradicted := contradiction(found):
+        notes = (*notes, contradicted)
     warn(*notes)
     write_document(arguments.output, spheres_document(found, arguments.diameter, notes), read_spheres)
     points = found.points

@@ -113,12 +113,10 @@ class LiveChain:
             self._showing.clear()
             return _unseen(recording.notes[-1])
         try:
-            frames, seen = self._seen_head(recording), None
+            frames = self._seen_head(recording)
         except InputError as error:  # more readings than a tracker makes, or more devices than one
             return _unseen(str(error))
-        head = None
-        if frames:
-            head, seen = self._drift(frames)
+        head, seen = self._drift(frames) if frames else (None, None)
         try:
             capture = self._capture(recording)
         except RefusedError as error:
@@ -137,10 +135,13 @@ class LiveChain:
 
         Where some frames of a moment show it moved and others not, former places may be sent along.
         """
-        told = [(check_drift(self.head, one), one) for one in frames[-1:]]
-        if told[-1][0].status is DriftStatus.STILL:
-            told += [(check_drift(self.head, one), one) for one in frames[:-1]]
-        return next((one for one in told if one[0].status is DriftStatus.PATIENT_MOVED), told[0])
+        *earlier, last = frames
+        drift = check_drift(self.head, last)
+        if drift.status is DriftStatus.STILL:
+            for one in earlier:
+                if (before := check_drift(self.head, one)).status is DriftStatus.PATIENT_MOVED:
+                    return before, one
+        return drift, last
 
     def _seen_head(self, recording: Recording) -> list[Points]:
         """Return the head's markers in each frame that shows three or more, followed from moment to moment.

@@ -50,6 +50,12 @@ def as_meant(poses: FloatArray) -> Iterator[tuple[str, FloatArray]]:
         yield mistake, meant
 
 
+def misread_as(poses: FloatArray, agree: Callable[[FloatArray], bool]) -> str | None:
+    """Say with which mistakes ``poses`` (N, 4, 4), which do not, would ``agree``, if any."""
+    mistakes = [mistake for mistake, meant in as_meant(poses) if agree(meant)]
+    return ", or ".join(dict.fromkeys(mistakes)) or None
+
+
 def mistake_in(
     tracker: FloatArray, robot: FloatArray, agree: Callable[[FloatArray, FloatArray], bool]
 ) -> str | None:

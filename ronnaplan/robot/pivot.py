@@ -17,7 +17,7 @@ from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.geometry import FloatArray, rms_mm
 from ronnaplan.pose import as_poses, as_stack, first_told
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
-from ronnaplan.robot.misread import as_meant
+from ronnaplan.robot.misread import misread_as
 from ronnaplan.robot.scatter import robust_sd, too_long, too_long_for_direction
 from ronnaplan.text import counted, place, successive
 from ronnaplan.transforms import cross_matrix
@@ -173,11 +173,9 @@ def _require_tip(found: PivotCalibration, poses: FloatArray) -> None:
             f"the tip did not rest: its places scatter by {found.rms_mm:.2f} mm RMS, expected at most "
             f"{LARGEST_RMS_MM:g}"
         )
-        misread = [mistake for mistake, meant in as_meant(poses) if _usual_length_mm(meant) < LARGEST_RMS_MM]
-        if misread:
+        if misread := misread_as(poses, lambda meant: _usual_length_mm(meant) < LARGEST_RMS_MM):
             raise RefusedError(
-                f"{said}; it rested if in the poses {', or '.join(dict.fromkeys(misread))}: turn them into matrices, "
-                "or a quaternion, anew"
+                f"{said}; it rested if in the poses {misread}: turn them into matrices, or a quaternion, anew"
             )
         raise RefusedError(
             f"{said}; check that the recording is of poses about one divot, tracker from tool in mm"

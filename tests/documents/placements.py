@@ -26,7 +26,7 @@ def placed(**changes: object) -> PlacementDocument:
     served = Served("left", "trajectory", np.zeros((2, 6)), 20.0, 30.0, 40.0, np.inf)
     route = Route(("left",), 90.0, (), ("left",), STRETCHED, ())
     places = tuple(
-        Place(base_pose(BASE + shift), (served,), route, 0.9, NEAR) for shift in (0.0, [300.0, 0, 0, 0])
+        Place(base_pose(BASE + shift), (served,), route, 0.9, NEAR, None) for shift in (0.0, [300.0, 0, 0, 0])
     )
     source = Source(**cases.fiducials().source.model_dump())
     found = placement_document(Placement(room_from_ct, places, ()), room(), kr6_r900(), source, cases.plan())

@@ -34,7 +34,7 @@ REFERENCE_DEG = np.array([10.0, -30.0, 90.0, 20.0, 60.0, 40.0])
 def document(arm: SerialArm, *bodies: tuple[int, Capsule], near: tuple[str, ...] = ()) -> PlacementDocument:
     """Return the document of ``arm`` at `BASE`, in the posture `REFERENCE_DEG`."""
     served = Served("left", "trajectory", np.zeros((2, 6)), 20.0, 30.0, 40.0, np.inf)
-    place = Place(BASE, (served,), Route(("left",), 90.0, (), (), REFERENCE_DEG, ()), 0.9, near)
+    place = Place(BASE, (served,), Route(("left",), 90.0, (), (), REFERENCE_DEG, ()), 0.9, near, None)
     there = room(reference_deg=tuple(REFERENCE_DEG.tolist()), arm_bodies=bodies)
     return placement_document(Placement(np.eye(4), (place,), ()), there, arm, Source())
 

@@ -55,7 +55,7 @@ from tests.robot.placement.cases import room
 
 SERVED = Served("LH", "trajectory", np.zeros((2, 6)), 20.0, 30.0, 40.0, 50.0)
 ROUTE = Route(("LH",), 90.0, ("LH",), ("F1",), np.zeros(6), ())
-PLACES = (RobotPlace(np.eye(4), (SERVED,), ROUTE, 0.9, ("cameras and forearm touch",)),)
+PLACES = (RobotPlace(np.eye(4), (SERVED,), ROUTE, 0.9, ("cameras and forearm touch",), None),)
 FIRST = cases.plan().trajectories[0]
 ENTRY_MM = FIRST.target_mm - 50.0 * forward(kr6_r900(), np.zeros(6))[:3, 2]  # the tool points to the target
 PLACEMENT = placement_document(

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
-from ronnaplan.pose import as_stack, as_written
+from ronnaplan.pose import as_stack, require_poses
 from ronnaplan.robot.arm.arm import SerialArm
 from ronnaplan.robot.arm.forward import as_angles
 from ronnaplan.robot.arm.wrist import wrist_of
@@ -46,7 +46,8 @@ def inverse(arm: SerialArm, poses: ArrayLike, tool: str | None = None) -> Postur
     """
     from ronnaplan.robot.arm.compiled import all_postures
 
-    asked = np.ascontiguousarray(as_written(as_stack(poses, "the poses to reach"), "pose"))
+    asked = np.ascontiguousarray(as_stack(poses, "the poses to reach"))
+    require_poses(asked, "pose")
     if tool is not None:
         asked = np.ascontiguousarray(asked @ invert(arm.tool(tool)))
     angles, found = np.empty((len(asked), BRANCHES, 6)), np.empty(len(asked))

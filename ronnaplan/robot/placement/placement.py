@@ -54,7 +54,7 @@ class Place:
     """None where the base was measured."""
     near: tuple[str, ...]
     """What of the tool comes near the wrist on the way, in sentences."""
-    at_reference: str | None = None
+    at_reference: str | None
     """What the arm meets in its reference posture, a sentence; None where that is free."""
 
     @property

@@ -91,11 +91,10 @@ def one_if_misread(spheres: RobotMarkers, least_mm: float) -> Misread | None:
     """Return what makes spheres that are ``least_mm`` apart one, and none that are one two; None where nothing does."""
     away_mm, squared = apart(spheres)
     shown = same(away_mm, squared)
-    mistakes, pairs = [], []
+    found: dict[str, tuple[int, int]] = {}
     for mistake, poses in as_meant(spheres.robot_from_tcp):
         meant = same(*apart(spheres.taken_from(poses)))
-        found = np.argwhere(np.triu(meant & (away_mm > least_mm), 1))
-        if len(found) and (meant | ~shown).all():
-            mistakes.append(mistake)
-            pairs.append((int(found[0, 0]), int(found[0, 1])))
-    return Misread(", or ".join(dict.fromkeys(mistakes)), pairs[0]) if mistakes else None
+        looks = np.argwhere(np.triu(meant & (away_mm > least_mm), 1))
+        if len(looks) and (meant | ~shown).all():
+            found.setdefault(mistake, (int(looks[0, 0]), int(looks[0, 1])))
+    return Misread(", or ".join(found), next(iter(found.values()))) if found else None

@@ -13,7 +13,7 @@ from ronnaplan.geometry import FloatArray, as_points
 from ronnaplan.pose import Pose, as_poses, as_stack
 from ronnaplan.robot.chain import TCP
 from ronnaplan.robot.hand_eye import require_two_axes
-from ronnaplan.robot.misread import as_meant
+from ronnaplan.robot.misread import misread_as
 from ronnaplan.robot.stereo.board import grid_mm, quarters_apart, recounted, require_board, seen_by_both
 from ronnaplan.robot.stereo.calibration_errors import MEASURE_SQUARES, judged, known_share, with_exact_squares
 from ronnaplan.robot.stereo.calibration_fit import UNDETERMINED as BOARDS_UNDETERMINED
@@ -181,10 +181,9 @@ def calibrate_tcp(robot_from_tcp: ArrayLike, spheres_mm: ArrayLike) -> TcpCalibr
             f"the sphere did not rest, or poses and images do not belong together: its places in R scatter by "
             f"{found.sd_mm:.2g} mm per axis, expected at most {LARGEST_SD_MM:g}"
         )
-        if misread := [mistake for mistake, meant in as_meant(poses) if _rests(meant, spheres)]:
+        if misread := misread_as(poses, lambda meant: _rests(meant, spheres)):
             raise RefusedError(
-                f"{said}; it rested if in the robot's poses {', or '.join(dict.fromkeys(misread))}: turn them into "
-                "matrices, or a quaternion, anew"
+                f"{said}; it rested if in the robot's poses {misread}: turn them into matrices, or a quaternion, anew"
             )
         raise RefusedError(
             f"{said}; check the frames' numbers, that the robot's poses are in mm, how their rotations were turned "

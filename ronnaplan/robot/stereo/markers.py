@@ -14,12 +14,12 @@ import numpy as np
 
 from ronnaplan.correspondence.told import LEAST_PAIRS
 from ronnaplan.errors import InputError, RefusedError, check_type
-from ronnaplan.geometry import Points
+from ronnaplan.geometry import FloatArray, Points
 from ronnaplan.pose import Pose
 from ronnaplan.registration.marker_registration import MarkerRegistration, register_markers
 from ronnaplan.registration.registration import Registration
 from ronnaplan.robot.chain import TCP, R, to_frame
-from ronnaplan.robot.misread import as_meant
+from ronnaplan.robot.misread import misread_as
 from ronnaplan.robot.stereo.again import apart, contradiction, require_apart, same
 from ronnaplan.robot.stereo.camera import RIG, StereoRig
 from ronnaplan.robot.stereo.disagreement import disagrees, explained_by_one, explanations, is_split
@@ -202,17 +202,18 @@ def _misread(
     ct: Points, looks: RobotMarkers, expected: int | None, sigma_ct_mm: float, least: float
 ) -> str | None:
     """Say by which mistakes in the robot's poses all ``looks`` fit the scan, and likelier than ``least``, if any."""
-    mistakes = []
-    for mistake, poses in as_meant(looks.robot_from_tcp):
+
+    def agree(poses: FloatArray) -> bool:
         meant, _ = _one_look_each(looks.taken_from(poses))
         if len(meant.labels) < FEWEST_TO_EXPLAIN:
-            continue
+            return False
         found = register_markers(ct, meant.points, expected=expected, sigma_ct_mm=sigma_ct_mm)
         if found.registration is None or (found.unpaired_ct and found.unpaired_ots):
-            continue
-        if (chance := found.registration.fit_probability) is not None and chance > least:
-            mistakes.append(mistake)
-    return ", or ".join(dict.fromkeys(mistakes)) or None
+            return False
+        chance = found.registration.fit_probability
+        return chance is not None and chance > least
+
+    return misread_as(looks.robot_from_tcp, agree)
 
 
 def _alone(found: MarkerRegistration) -> tuple[str, ...]:
