@@ -15,7 +15,6 @@ import math
 from pathlib import Path
 
 import numpy as np
-from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.geometry import FloatArray, unit
@@ -75,6 +74,8 @@ def tracker_errors(rng: np.random.Generator, count: int, name: str) -> FloatArra
     Each is of unit variance times `ORIENTATION_DEG` and `PLACE_MM`; a walk starts at zero and a drift passes zero in
     the middle, so that what is true of a pose is that without its errors; both go two standard deviations far.
     """
+    from scipy.signal import lfilter  # takes a second
+
     white = rng.normal(size=(count, 6))
     found = white
     if name == "random walk":

@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from threadpoolctl import ThreadpoolController
 
@@ -12,6 +11,7 @@ from ronnaplan.pose import Pose
 from ronnaplan.robot import by_pose
 from ronnaplan.robot.hand_eye import calibrate_hand_eye
 from ronnaplan.transforms import invert
+from tests.filtered import filtered
 from tests.long import few_and_others, few_or_all
 from tests.robot.test_orientation import matrix
 
@@ -64,8 +64,7 @@ def recorded(
     true[:, :3, :3] = sagged @ true[:, :3, :3]
     seen = invert(robot_from_ots) @ true @ invert(m_from_tcp)
     turns, places = (
-        lfilter([np.sqrt(1 - memory**2)], [1, -memory], rng.normal(size=(count + 100, 3)), axis=0)[100:]
-        for _ in range(2)
+        filtered(np.sqrt(1 - memory**2), [memory], rng.normal(size=(count + 100, 3)))[100:] for _ in range(2)
     )
     seen[:, :3, :3] = Rotation.from_rotvec(turns * np.radians(rotation_sd_deg)).as_matrix() @ seen[:, :3, :3]
     seen[:, :3, 3] = scale * seen[:, :3, 3] + place_sd_mm * places

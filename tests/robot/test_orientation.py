@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.errors import FrameMismatchError, InputError, RefusedError
@@ -18,6 +17,7 @@ from ronnaplan.robot.orientation import (
 )
 from ronnaplan.robot.pivot import calibrate_pivot
 from ronnaplan.transforms import invert
+from tests.filtered import filtered
 from tests.long import few_and_others, few_or_all
 
 TRIANGLE = np.array([[600.0, 100, 300], [900, 150, 280], [700, 400, 350]])
@@ -136,7 +136,7 @@ def test_hand_eye_states_its_own_error_whatever_the_noises_memory(memory: float,
     for seed in range(cases):
         seen, driven, m_from_tcp, robot_from_ots = hand_eye_poses(seed, 60, 0.0, 0.0)
         white = np.random.default_rng(seed).normal(size=(200, 6)) * np.repeat([1e-3, 0.2], 3)
-        noise = lfilter([np.sqrt(1 - memory**2)], [1, -memory], white, axis=0)[-len(seen) :]
+        noise = filtered(np.sqrt(1 - memory**2), [memory], white)[-len(seen) :]
         seen[:, :3, 3] += noise[:, 3:]
         seen[:, :3, :3] = Rotation.from_rotvec(noise[:, :3]).as_matrix() @ seen[:, :3, :3]
         found = calibrate_hand_eye(seen, driven)
@@ -187,7 +187,7 @@ def test_hand_eye_with_a_slow_error_in_the_tools_axes_states_its_own_error(cases
     squares = []
     for _ in range(cases):
         white = rng.normal(size=(300, 6)) * np.repeat([1e-3, 0.2], 3)
-        noise = lfilter([np.sqrt(1 - 0.9**2)], [1, -0.9], white, axis=0)[-100:]
+        noise = filtered(np.sqrt(1 - 0.9**2), [0.9], white)[-100:]
         seen = driven.copy()
         seen[:, :3, 3] += np.einsum("nij,nj->ni", driven[:, :3, :3], noise[:, 3:])
         seen[:, :3, :3] = driven[:, :3, :3] @ Rotation.from_rotvec(noise[:, :3]).as_matrix()

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.errors import InputError, RefusedError
 from ronnaplan.robot.pivot import calibrate_pivot
 from ronnaplan.transforms import invert
+from tests.filtered import filtered
 from tests.long import few_and_others, few_or_all
 
 TIP = np.array([-15.0, 240.0, -7.0])
@@ -23,7 +23,7 @@ def recording(
     swing = np.radians(tilt_deg) * np.column_stack([np.sin(t), 0.6 * np.sin(0.4 * t), np.cos(0.7 * t)])
     rotations = Rotation.from_rotvec(swing).as_matrix()
     white = rng.normal(size=(count, 3)) * noise_mm * np.sqrt(1 - memory**2)
-    noise = lfilter([1], [1, -memory], white, axis=0)
+    noise = filtered(1.0, [memory], white)
     poses = np.tile(np.eye(4), (count, 1, 1))
     poses[:, :3, :3] = rotations
     poses[:, :3, 3] = PIVOT - rotations @ TIP + noise
@@ -80,7 +80,7 @@ def noisy(kind: str, rng: np.random.Generator, count: int) -> np.ndarray:
     """Noise (count, 3) of about 0.3 mm: without memory, as a filter leaves it, or drifting over the recording."""
     white = 0.3 * rng.normal(size=(count, 3))
     if kind == "filtered":
-        return lfilter([np.sqrt(1 - 0.9**2)], [1, -0.9], np.vstack([white, white[::-1]]), axis=0)[count:]
+        return filtered(np.sqrt(1 - 0.9**2), [0.9], np.vstack([white, white[::-1]]))[count:]
     steady = np.linspace(-1, 1, count)[:, None] * rng.normal(size=3)
     found: np.ndarray = (
         white + {"white": 0.0, "walking": np.cumsum(2 * white, axis=0) / np.sqrt(count), "drifting": steady}[kind]
@@ -143,9 +143,7 @@ def test_the_error_of_a_short_recording_is_as_large_as_stated_where_a_filter_smo
     squares = []
     for _ in range(cases):
         poses, memory = exact.copy(), np.exp(-1 / 7)
-        smooth = lfilter(
-            [(1 - memory) ** 2], [1, -2 * memory, memory**2], rng.normal(size=(count + 100, 3)), axis=0
-        )
+        smooth = filtered((1 - memory) ** 2, [2 * memory, -(memory**2)], rng.normal(size=(count + 100, 3)))
         poses[:, :3, 3] += np.einsum("nij,nj->ni", poses[:, :3, :3], smooth[100:])
         found = calibrate_pivot(poses)
         error = found.tip_mm - TIP
@@ -160,7 +158,7 @@ def test_halves_of_a_recording_with_an_uneven_long_memory_agree(cases: int) -> N
     squares = []
     for _ in range(cases):
         poses = recording(0, 600, noise_mm=0.0)
-        smooth = lfilter([0.2**2], [1, -1.6, 0.64], rng.normal(size=(800, 3)), axis=0)[200:] * (4.0, 0.4, 4.0)
+        smooth = filtered(0.2**2, [1.6, -0.64], rng.normal(size=(800, 3)))[200:] * (4.0, 0.4, 4.0)
         poses[:, :3, 3] += np.einsum("nij,nj->ni", poses[:, :3, :3], smooth)
         first, second = calibrate_pivot(poses[:300]), calibrate_pivot(poses[300:])
         apart = first.tip_mm - second.tip_mm

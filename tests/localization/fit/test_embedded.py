@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from phantoms.scene import Part, Scene
 from phantoms.solids import box, cylinder, half_space, sphere
@@ -44,7 +44,7 @@ def test_a_ball_is_found_near_the_faces_of_a_plate(material: str, below_mm: floa
     (found,) = localize(plate(material, below_mm, above_mm), diameter_mm=5.0, expected=1)
     error_mm = found.center_mm - CENTER
     assert np.linalg.norm(error_mm) < 0.015
-    assert error_mm @ np.linalg.solve(found.covariance_mm2, error_mm) < chi2.ppf(0.999, 3)
+    assert error_mm @ np.linalg.solve(found.covariance_mm2, error_mm) < chdtri(3, 0.001)
 
 
 def test_directions_in_which_a_face_is_near_are_none_that_inform() -> None:
@@ -88,4 +88,4 @@ def test_a_ball_whose_blur_hides_the_air_beside_it_is_not_embedded(under: tuple[
     (found,) = localize(scan(Scene((*under, ball)), small_stack(**CLOSE)), diameter_mm=5.0, expected=1)
     error_mm = found.center_mm - CENTER
     assert np.linalg.norm(error_mm) < 0.03
-    assert error_mm @ np.linalg.solve(found.covariance_mm2, error_mm) < chi2.ppf(0.999, 3)
+    assert error_mm @ np.linalg.solve(found.covariance_mm2, error_mm) < chdtri(3, 0.001)
