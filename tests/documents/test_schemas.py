@@ -14,7 +14,7 @@ from ronnaplan.cli import main
 from ronnaplan.cli.schema import HELP
 from ronnaplan.documents.schemas import DOCUMENTS, schema
 from ronnaplan.errors import UsageError
-from tests.documents.test_strictness import documents
+from tests.documents.test_strictness import KINDS, documents
 
 
 def fits(value: Any, kind: dict[str, Any], defs: dict[str, Any]) -> bool:
@@ -39,13 +39,17 @@ def fits(value: Any, kind: dict[str, Any], defs: dict[str, Any]) -> bool:
     return isinstance(value, types.get(kind.get("type", ""), object))  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("name", sorted(documents()))
+@pytest.mark.parametrize("name", [*KINDS, "placement"])
 def test_a_written_file_fits_its_schema(name: str) -> None:
     described, (written, _) = schema(name.split()[-1].replace("-", "_")), documents()[name]
     defs = described.get("$defs", {})
     assert fits(written, described, defs)
     for field in described["required"]:
         assert not fits({**written, field: {"nothing": "of the kind"}}, described, defs), field
+
+
+def test_no_written_file_is_left_out_here() -> None:
+    assert set(documents()) == {*KINDS, "placement"}
 
 
 def test_every_schema_is_printed_and_closed(capsys: pytest.CaptureFixture[str]) -> None:

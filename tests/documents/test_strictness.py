@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from ronnaplan.documents.chain import read_chain, stereo_chain, tracked_chain
 from ronnaplan.documents.fiducials import Source, fiducials_document, read_fiducials
 from ronnaplan.documents.limits import read_limits
-from ronnaplan.documents.placement import read_placement
+from ronnaplan.documents.placement import PlacementDocument, read_placement
 from ronnaplan.documents.placement_made import placement_document
 from ronnaplan.documents.plan import plan_document, read_plan
 from ronnaplan.documents.reading import to_json
@@ -53,21 +53,25 @@ from tests import cases
 from tests.documents.test_fiducials import FOUND
 from tests.robot.placement.cases import room
 
-SERVED = Served("LH", "trajectory", np.zeros((2, 6)), 20.0, 30.0, 40.0, 50.0)
-ROUTE = Route(("LH",), 90.0, ("LH",), ("F1",), np.zeros(6), ())
-PLACES = (RobotPlace(np.eye(4), (SERVED,), ROUTE, 0.9, ("cameras and forearm touch",), None),)
-FIRST = cases.plan().trajectories[0]
-ENTRY_MM = FIRST.target_mm - 50.0 * forward(kr6_r900(), np.zeros(6))[:3, 2]  # the tool points to the target
-PLACEMENT = placement_document(
-    Placement(np.eye(4), PLACES, ()),
-    room(tool=replace(room().tool, x_axis=(0.0, 1.0, 0.0))),
-    replace(kr6_r900(), held=(HeldJoint("A0", 0.1, 1, np.eye(4), kr6_r900()),)),
-    fiducials_document(FOUND).source,
-    replace(cases.plan(), trajectories=(replace(FIRST, name="LH", entry_mm=ENTRY_MM),)),
-)
-
 Reader = Callable[[Path], object]
 Place = tuple[Any, ...]
+
+
+def placed() -> PlacementDocument:
+    """Return a placement with every field in use; its numbers are of no room."""
+    served = Served("LH", "trajectory", np.zeros((2, 6)), 20.0, 30.0, 40.0, 50.0)
+    route = Route(("LH",), 90.0, ("LH",), ("F1",), np.zeros(6), ())
+    place = RobotPlace(np.eye(4), (served,), route, 0.9, ("cameras and forearm touch",), None)
+    plan = cases.plan()
+    first = plan.trajectories[0]
+    entry_mm = first.target_mm - 50.0 * forward(kr6_r900(), np.zeros(6))[:3, 2]  # the tool points to the target
+    return placement_document(
+        Placement(np.eye(4), (place,), ()),
+        room(tool=replace(room().tool, x_axis=(0.0, 1.0, 0.0))),
+        replace(kr6_r900(), held=(HeldJoint("A0", 0.1, 1, np.eye(4), kr6_r900()),)),
+        fiducials_document(FOUND).source,
+        replace(plan, trajectories=(replace(first, name="LH", entry_mm=entry_mm),)),
+    )
 
 
 def square() -> list[list[float]]:
@@ -91,7 +95,7 @@ def documents() -> dict[str, tuple[Any, Reader]]:
             to_json(plan_document(plan.edit("left", notes="twice\nas far").edit("left", name="right").undo())),
             read_plan,
         ),
-        "placement": (to_json(PLACEMENT), read_placement),
+        "placement": (to_json(placed()), read_placement),
         "limits": (
             json.dumps(
                 {
@@ -175,6 +179,7 @@ def robot_documents() -> dict[str, tuple[str, Reader]]:
 
 KINDS = ("fiducials", "registration", "plan", "limits", "template", "pivot", "hand-eye", "rig", "spheres",
          "tracked chain", "stereo chain")  # fmt: skip
+"""All documents but a placement, which has its own tests."""
 
 
 def refused(reader: Reader, file: Path) -> bool:
