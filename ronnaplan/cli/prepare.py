@@ -34,8 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(
             "what is compiled cannot be kept; name a folder that may be written to by NUMBA_CACHE_DIR"
         )
-    for whole in (False, True):
-        scan = made_scan(whole=whole)
+    for scan in made_scans():
         common_diameter(scan)
         found = localize(scan, diameter_mm=DIAMETER_MM, expected=len(MARKERS_MM))
     # What is held by more than a post, as nothing here is, is asked whether it lies on skin.
@@ -115,10 +114,11 @@ def see_sphere() -> None:
             noise_beside(image, *outline.in_image(camera))
 
 
-def made_scan(*, whole: bool) -> CTVolume:
+def made_scans() -> tuple[CTVolume, CTVolume]:
     """Return a noisy scan of balls in air, above a slab and beside bone; their shares of voxels are counted.
 
-    Values are ``whole``, as scanners store them, or have fractions: of a rescale slope that is none, or of a program.
+    Its values have fractions, of a rescale slope that is none, or of a program; then they are whole, as scanners store
+    them.
     """
     import numpy as np
 
@@ -139,4 +139,5 @@ def made_scan(*, whole: bool) -> CTVolume:
     blurred = sum(np.roll(hu, step, axis=axis) for axis in (1, 2) for step in (-1, 0, 1)) / 6.0
     affine = np.zeros((4, 4))
     affine[2, 0], affine[1, 1], affine[0, 2], affine[3, 3] = *spacing_mm, 1.0
-    return CTVolume.from_array(np.round(blurred).astype(np.int16) if whole else blurred, affine)
+    whole = np.round(blurred).astype(np.int16)
+    return CTVolume.from_array(blurred, affine), CTVolume.from_array(whole, affine)

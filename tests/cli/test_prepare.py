@@ -42,10 +42,10 @@ match_points(HEAD[:5], HEAD[:5])
 for seed, (counts, outliers) in enumerate([((12,), 8), ((20, 20), 0), ((40,), 60)]):
     ct, ots, _ = bodies(seed, counts, [60.0, 40.0][: len(counts)], outliers, 90.0)
     for given in ({}, {"expected": counts[0]}, {"known_pairs": [(0, 0)]}):
-        match_points(ct, ots * [1, 1, -1], **given)
-        match_points(ct * [1, 0.02, 0.02], ots, **given)
         match_points(ct, ots, **given)
-        match_points(ots, ct, sigma_ct_mm=0.3)
+    match_points(ct, ots * [1, 1, -1])
+    match_points(ct * [1, 0.02, 0.02], ots)
+    match_points(ots, ct, sigma_ct_mm=0.3)
 """
 PLACED = """
 from ronnaplan.robot.placement.blocking import at_reference

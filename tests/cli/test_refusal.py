@@ -11,13 +11,13 @@ import SimpleITK as sitk
 from PIL import Image
 
 from ronnaplan.cli import main
-from ronnaplan.cli.prepare import made_scan
+from ronnaplan.cli.prepare import made_scans
 from ronnaplan.ct import CTVolume
 
 
 def test_a_refused_template_leaves_a_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scan, sheet, template = tmp_path / "scan.nii", tmp_path / "sheet.png", tmp_path / "template.json"
-    sitk.WriteImage(made_scan(whole=True).to_sitk(), scan)
+    sitk.WriteImage(made_scans()[1].to_sitk(), scan)
     frame = {
         "format": "ronnaplan.template",
         "version": 1,

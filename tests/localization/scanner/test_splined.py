@@ -13,6 +13,7 @@ from ronnaplan.ct import CTVolume
 from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.localization import localize
 from ronnaplan.localization.scanner.splined import before_splines
+from tests.long import few_and_others
 from tests.scans import balls, scan, small_stack, with_slices
 
 PLACES = [(-18.0, -8.3, -16.2), (17.4, -9.0, 9.1), (1.2, 11.5, 1.3)]
@@ -34,7 +35,7 @@ def splined(volume: CTVolume, step_mm: float, start_mm: float = 0.0, order: int 
     return with_slices(volume, places, np.round(voxels_hu).astype(np.int16), step_mm)
 
 
-@pytest.mark.parametrize(("step_mm", "start_mm"), [(1.0, 0.0), (2.5, 1.25), (0.7, 0.3), (1.25, 0.625)])
+@few_and_others(("step_mm", "start_mm"), [(2.5, 1.25), (0.7, 0.3)], [(1.0, 0.0), (1.25, 0.625)])
 def test_slices_that_splines_computed_tell_the_thick_ones(
     thick: CTVolume, step_mm: float, start_mm: float
 ) -> None:
