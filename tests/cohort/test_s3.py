@@ -18,8 +18,6 @@ from tests.cohort.scans import CENTERS_MM, phantom, tiny
 
 pytest.importorskip("distributed")
 parquet = pytest.importorskip("pyarrow.parquet")
-s3fs = pytest.importorskip("s3fs")
-server = pytest.importorskip("moto.server")
 
 RULES = Rules(rule=(CohortRule(name="all", diameters=(11.5,), expected=len(CENTERS_MM), sheet=False),))
 ROOT = "s3://heads/lab"
@@ -28,6 +26,8 @@ ROOT = "s3://heads/lab"
 @pytest.fixture
 def bucket(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     """The file system of a store on this machine, with an empty bucket."""
+    s3fs = pytest.importorskip("s3fs")  # here: to import both takes half a second, and no other test needs them
+    server = pytest.importorskip("moto.server")
     here = server.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
     here.start()
     host, port = here.get_host_and_port()
@@ -62,7 +62,7 @@ def test_a_cohort_in_a_bucket_is_worked_off_and_only_what_changed_is_read_again(
     assert [[one[f"{axis}_mm"] for axis in "xyz"] for one in markers] == expected.centers.tolist()
     assert [one["covariance_xz_mm2"] for one in markers] == expected.covariances[:, 0, 2].tolist()
     bucket.rm(sorted(bucket.ls("heads/lab/2026/scan"))[0])
-    s3fs.S3FileSystem.clear_instance_cache()
+    type(bucket).clear_instance_cache()
     with Index(tmp_path / "out") as index:
         listed = bring_up_to_date(index, [ROOT])
         assert (listed.files, listed.changed) == (34, 0)

@@ -8,7 +8,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-import trimesh
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
@@ -137,6 +136,8 @@ def shoelace_mm2(ring: FloatArray) -> float:
 
 
 def read_body(content: bytes, kind: str) -> Any:
+    import trimesh  # takes a third of a second, and no other test needs it
+
     if kind == ".stl":
         return trimesh.load_mesh(io.BytesIO(content), file_type="stl")
     space = {"m": "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"}
