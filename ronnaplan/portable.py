@@ -45,6 +45,32 @@ def kill_group(process: subprocess.Popen[Any]) -> None:
             os.killpg(process.pid, signal.SIGKILL)
 
 
+def kill_all(process: subprocess.Popen[Any]) -> None:
+    """End at once a process, and on Linux what it began, which would go on without it: some commands are scripts.
+
+    It stays in the group of who began it, and ends with that.
+    """
+    begun = _begun_by(process.pid)
+    process.kill()
+    process.wait()
+    for number in begun:
+        with suppress(ProcessLookupError):
+            os.kill(number, signal.SIGKILL)
+
+
+def _begun_by(parent: int) -> list[int]:
+    """Return the numbers of the processes that ``parent`` began, and these; Linux tells."""
+    begun: dict[int, list[int]] = {}
+    for status in Path("/proc").glob("[0-9]*/stat") if sys.platform == "linux" else ():
+        with suppress(OSError):  # it ended meanwhile
+            told = status.read_text(encoding="utf-8", errors="replace").rpartition(")")[2]  # names hold anything
+            begun.setdefault(int(told.split()[1]), []).append(int(status.parent.name))
+    found = begun.get(parent, [])
+    for number in found:  # those it began follow, too
+        found += begun.get(number, [])
+    return found
+
+
 def read_at(descriptor: int, count: int, offset: int) -> bytes:
     """Return up to ``count`` bytes from ``offset`` of an open file, whatever other threads read of it."""
     if sys.platform != "win32":

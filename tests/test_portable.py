@@ -6,6 +6,7 @@ import ast
 import errno
 import mmap
 import os
+import subprocess
 import sys
 import zipfile
 from pathlib import Path
@@ -197,3 +198,16 @@ def test_of_a_mapped_file_what_is_touched_is_held_and_not_what_lies_around(tmp_p
             portable.give_back(room)
             assert not any(room[place] for place in range(step // 2, size, step))
             assert 0 < held_kb(path.name, "rw-s") <= 64 * size // step  # 64 KiB around each are the system's habit
+
+
+@ON_LINUX
+def test_what_a_script_began_ends_with_it() -> None:
+    """Debian's command that starts a browser without windows is a script, whose end does not end the browser."""
+    began = "import subprocess, sys; print(subprocess.Popen(['sleep', '600']).pid, flush=True); sys.stdin.read()"
+    script = f'"{sys.executable}" -c "{began}"; true'  # else the shell would be replaced by it
+    process = subprocess.Popen(["sh", "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    assert process.stdout.readline().strip()
+    portable.kill_all(process)
+    assert process.communicate(timeout=60) == (b"", None)  # nobody is left who could write
+    assert process.returncode

@@ -24,10 +24,8 @@ def placement_doubts(
         return [f"no place of the robot serves all: {sentence}" for sentence in found.blocked]
     best = found.robot_from_ct[0]
     told = [f"the robot's place: {note}" for note in found.notes]
-    if best.at_reference is not None:
-        told.append(f"the robot has no free way to any task: {best.at_reference}")
-    else:
-        told += [f"the robot has no free way to {name}" for name in best.route.stuck]
+    if best.no_way is not None:
+        told.append(f"the robot has {best.no_way}")
     told += [f"on the robot, {sentence}" for sentence in best.near]
     changed = [f"trajectory {name}" for name in found.not_known(trajectories)] + [
         f"marker {label}" for label in _found_anew(found, fiducials)

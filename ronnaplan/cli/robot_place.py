@@ -93,15 +93,10 @@ def run(arguments: argparse.Namespace) -> int:
     if document.status == "blocked":
         raise RefusedError("no place serves every task; " + document.blocked[0])
     best = document.robot_from_ct[0]
-    if best.at_reference is not None:
+    if best.no_way is not None:
         raise RefusedError(
-            f"no free way leads to any task: {best.at_reference}; state another reference_deg in the room, in which "
-            "nothing comes nearer"
-        )
-    if stuck := best.route.stuck:
-        raise RefusedError(
-            f"no free way leads from the reference posture to {', '.join(stuck)}; state another reference_deg in the "
-            "room, from where the arm reaches them without passing head, table or itself"
+            f"the robot has {best.no_way}; state another reference_deg in the room, in which nothing comes nearer, and "
+            "from where the arm reaches all without passing head, table or itself"
         )
     return 0
 

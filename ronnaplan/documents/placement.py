@@ -30,10 +30,11 @@ from ronnaplan.documents.fields import (
 )
 from ronnaplan.documents.reading import read_document
 from ronnaplan.documents.room import MOST_THINGS, BoxEntry, CapsuleEntry
-from ronnaplan.geometry import Frame
+from ronnaplan.geometry import FloatArray, Frame
 from ronnaplan.planning import Trajectory
 from ronnaplan.pose import as_pose
 from ronnaplan.robot.placement.room import base_place
+from ronnaplan.text import listed
 
 ACROSS = 1e-6
 """Largest cosine between a trajectory and a direction across it: round-off of what is written."""
@@ -150,6 +151,24 @@ class PlaceEntry(_Grown):
     """What of the tool comes near the wrist on the way."""
     at_reference: Line | None = None
     """What the arm meets in its reference posture, from which no way leads then."""
+
+    @property
+    def position(self) -> FloatArray:
+        """Where the base stands in the room: x, y, z (mm) and turn (degrees) (4,)."""
+        return base_place(np.array(self.room_from_r))
+
+    @property
+    def no_way(self) -> str | None:
+        """Say to what of the tasks no free way leads; None where one leads to each of them."""
+        if self.at_reference is not None:
+            return f"no free way to any task: {self.at_reference}"
+        stuck = self.route.stuck
+        return f"no free way from the reference posture to {listed(stuck)}" if stuck else None
+
+    @property
+    def surely(self) -> float | None:
+        """How likely all is served after parking; None where the base was measured, and where a way is missing."""
+        return self.probability if self.no_way is None else None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -278,22 +297,16 @@ def placement_text(document: PlacementDocument) -> str:
     """Return what a person should know of a placement, some lines."""
     lines = [document.arm_text]
     for number, place in enumerate(document.robot_from_ct, 1):
-        x, y, z, turn = base_place(np.array(place.room_from_r))
+        x, y, z, turn = place.position
         what = "here" if document.status == "parked" else f"place {number}"
-        sure = (
-            ""
-            if place.probability is None or place.route.stuck
-            else f"; serves all after parking with probability {place.probability:.3f}"
-        )
+        sure = "" if place.surely is None else f"; serves all after parking with probability {place.surely:.3f}"
         lines.append(
             f"{what}: x {x:.0f}, y {y:.0f}, z {z:.0f} mm, turn {turn:.0f} degrees; "
             f"joints keep {place.worst_margin_deg:.1f} degrees{sure}"
         )
         if place.route.order:
             lines.append(f"  order: {', '.join(place.route.order)} ({place.route.travel_deg:.0f} degrees)")
-        if place.at_reference is not None:
-            lines.append(f"  no free way: {place.at_reference}")
-        elif place.route.stuck:
-            lines.append(f"  no free way from the reference posture to {', '.join(place.route.stuck)}")
+        if place.no_way is not None:
+            lines.append(f"  {place.no_way}")
         lines += [f"  {sentence}" for sentence in place.near]
     return "\n".join([*lines, *document.blocked])

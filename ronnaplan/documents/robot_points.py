@@ -115,10 +115,8 @@ def placed_x_axes(placement: PlacementDocument, plan: Plan, chain: ChainDocument
         )
     if names := placement.not_known(plan.trajectories):
         raise InputError(f"the placement does not serve {listed(names)} as planned now; run 'robot place' again")
-    if place.route.stuck:
-        raise InputError(
-            f"the placement has no free way to {listed(place.route.stuck)}; export by one that has a way to all"
-        )
+    if place.no_way is not None:
+        raise InputError(f"the placement has {place.no_way}; export by one that has a way to all")
     served = {one.name: one.x_axis for one in place.tasks if one.kind == "trajectory"}
     x_axes = tuple(axis for one in plan.trajectories if (axis := served.get(one.name)) is not None)
     if len(x_axes) < len(plan.trajectories):

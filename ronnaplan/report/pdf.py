@@ -9,7 +9,7 @@ import tempfile
 from pathlib import Path
 
 from ronnaplan.errors import InputError, UnwrittenError
-from ronnaplan.portable import is_administrator
+from ronnaplan.portable import is_administrator, kill_all
 
 BROWSERS = (
     "chromium-headless-shell",
@@ -75,7 +75,15 @@ def _printed(browser: str, html: str, folder: Path) -> bytes:
     # Chromium refuses to run as root inside its sandbox; the page it prints runs no script.
     sandbox = ("--no-sandbox",) if is_administrator() else ()
     command = [browser, *FLAGS, *sandbox, f"--user-data-dir={folder}/profile", f"--print-to-pdf={printed}"]
-    subprocess.run([*command, source.as_uri()], check=True, capture_output=True, timeout=TIME_LIMIT_S)
+    quiet = subprocess.DEVNULL
+    process = subprocess.Popen([*command, source.as_uri()], stdin=quiet, stdout=quiet, stderr=quiet)
+    try:
+        status = process.wait(TIME_LIMIT_S)
+    except BaseException:  # given up, it would go on, and write into a folder that is removed
+        kill_all(process)
+        raise
+    if status:
+        raise subprocess.CalledProcessError(status, browser)
     return printed.read_bytes()
 
 

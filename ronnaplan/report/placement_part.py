@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from ronnaplan.case.folder import Case
 from ronnaplan.case.placed import placement_doubts
 from ronnaplan.documents.placement import PlaceEntry, PlacementDocument
@@ -32,6 +30,7 @@ def placement_part(case: Case, seen: View | None = None) -> Part:
     if not found.robot_from_ct:
         return Part(TITLE, [], doubts)
     best = found.robot_from_ct[0]
+    shown = [(_name(found, n), one) for n, one in enumerate(found.robot_from_ct, 1)]
     tasks = [
         (
             one.name,
@@ -43,13 +42,12 @@ def placement_part(case: Case, seen: View | None = None) -> Part:
     ]
     body = [
         *_drawn(found, seen),
-        table(PLACES, [_place(found, n, one) for n, one in enumerate(found.robot_from_ct, 1)]),
+        table(PLACES, [_place(name, one) for name, one in shown]),
+        *(element("p", f"{name}: {one.no_way}") for name, one in shown if one.no_way is not None),
         element("p", _rests_on(found), "note"),
         element("h3", "Margins from the first place, the least along each way"),
         table(TASKS, tasks),
-        element(
-            "p", f"order: {', '.join(best.route.order)}; joints turn by {best.route.travel_deg:.0f} degrees in all"
-        ),
+        *_order(best),
     ]
     return Part(TITLE, body, doubts)
 
@@ -69,12 +67,21 @@ def _drawn(found: PlacementDocument, seen: View | None) -> list[str]:
     return [picture(still, caption)] if still else []
 
 
-def _place(found: PlacementDocument, count: int, one: PlaceEntry) -> list[str]:
-    pose = np.array(one.room_from_r)
-    turn = np.degrees(np.arctan2(pose[1, 0], pose[0, 0]))
-    name = "as measured" if found.status == "parked" else f"place {count}"
-    numbers = [f"{value:.0f}" for value in (*pose[:3, 3], turn)]
-    return [name, *numbers, number(one.worst_margin_deg, 1), number(one.probability, 3)]
+def _order(best: PlaceEntry) -> list[str]:
+    """Return in which order the arm comes to the tasks, where it comes to any."""
+    if not best.route.order:
+        return []
+    turned = f"joints turn by {best.route.travel_deg:.0f} degrees in all"
+    return [element("p", f"order: {', '.join(best.route.order)}; {turned}")]
+
+
+def _name(found: PlacementDocument, count: int) -> str:
+    return "as measured" if found.status == "parked" else f"place {count}"
+
+
+def _place(name: str, one: PlaceEntry) -> list[str]:
+    numbers = [f"{value:.0f}" for value in one.position]
+    return [name, *numbers, number(one.worst_margin_deg, 1), number(one.surely, 3)]
 
 
 def _rests_on(found: PlacementDocument) -> str:

@@ -166,7 +166,7 @@ def test_what_is_exported_by_a_placement_brings_the_arm_into_its_posture(
         (("source", "frame_of_reference_uid"), "1.2.3", "1.2.3"),
         (("robot_from_ct", 0, "r_from_ct", 0, 3), 1.0, "the placement has the scan elsewhere in R than the chain"),
         (("trajectories", 0, "length_mm"), 150.0, "the placement does not serve LH as planned now"),
-        (("robot_from_ct", 0, "route", "stuck"), ["LH"], "the placement has no free way to LH"),
+        (("robot_from_ct", 0, "route", "stuck"), ["LH"], "has no free way from the reference posture to LH"),
         (("robot_from_ct", 0, "tasks", 0, "x_axis"), None, "state x_axis in [tool] of the room"),
         (("robot_from_ct", 0, "tasks", 0, "x_axis"), [0.0, 0.0, 1.0], "is not perpendicular to its trajectory"),
         (("robot_from_ct", 0, "tasks", 0, "name"), "RH", "has an x_axis, but is none of the trajectories"),
@@ -225,7 +225,7 @@ def test_a_place_from_where_the_way_is_not_free_is_written_and_refused(
         best = found.robot_from_ct[0]
         assert (found.status, best.route.stuck) == (status, ("LH",))
         assert best.at_reference == "forearm would meet base in the reference posture; 20 mm are asked for"
-        assert f"no free way leads to any task: {best.at_reference}; state another reference_deg in" in told
+        assert f"the robot has no free way to any task: {best.at_reference}; state another reference_deg" in told
         assert told.count("no free way") == 2  # of the place, and why it is refused
         assert not [word for word in ("probability", "order", "between the reference posture and") if word in told]
         doubts = placement_doubts(found, (), None)
@@ -245,7 +245,7 @@ def test_a_task_that_no_free_way_leads_to_is_told_by_name(
     output = tmp_path / "placement.json"
     assert main([*case, "-o", str(output)]) == 3
     told = capsys.readouterr().err
-    assert "no free way leads from the reference posture to LH; state another reference_deg" in told
+    assert "the robot has no free way from the reference posture to LH; state another reference_deg" in told
     assert read_placement(output).robot_from_ct[0].at_reference is None
 
 

@@ -21,12 +21,13 @@ NEAR = ("cameras comes within 0 mm of forearm between F6 and F2: the two are onl
 
 
 def placed(**changes: object) -> PlacementDocument:
-    """Return a document of two places that serve a trajectory, of the scan of `cases`."""
+    """Return a document of two places for a trajectory of the scan of `cases`, to which only one has a free way."""
     room_from_ct = np.array([[0.0, 0, -1, 10], [-1, 0, 0, 20], [0, 1, 0, 1050], [0, 0, 0, 1]])
     served = Served("left", "trajectory", np.zeros((2, 6)), 20.0, 30.0, 40.0, np.inf)
-    route = Route(("left",), 90.0, (), ("left",), STRETCHED, ())
+    routes = Route((), 0.0, (), ("left",), STRETCHED, ()), Route(("left",), 90.0, (), (), STRETCHED, ())
     places = tuple(
-        Place(base_pose(BASE + shift), (served,), route, 0.9, NEAR, None) for shift in (0.0, [300.0, 0, 0, 0])
+        Place(base_pose(BASE + shift), (served,), route, sure, NEAR, None)
+        for shift, sure, route in zip((0.0, [300.0, 0, 0, 0]), (0.9, 0.8), routes, strict=True)
     )
     source = Source(**cases.fiducials().source.model_dump())
     found = placement_document(Placement(room_from_ct, places, ()), room(), kr6_r900(), source, cases.plan())

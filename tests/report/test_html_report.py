@@ -387,15 +387,52 @@ def test_a_report_is_printed_where_who_asks_looks_after_what_is_left(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_browser_that_takes_too_long_is_told_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
-    def printing(command: list[str], *, timeout: float, **_: Any) -> None:
-        raise subprocess.TimeoutExpired(command, timeout)
+class Browser:
+    """What stands for a browser's process, which prints as it is told and ends well."""
 
+    pid = 1
+
+    def __init__(self, command: list[str], **_: Any) -> None:
+        target = next(part for part in command if part.startswith("--print-to-pdf="))
+        self.print(Path(target.partition("=")[2]))
+
+    def print(self, target: Path) -> None:
+        """Print nothing."""
+
+    def wait(self, seconds: float) -> int:
+        """Return the exit status."""
+        return 0
+
+
+def test_a_browser_that_takes_too_long_is_told_as_such_and_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It went on, and wrote what it keeps into the folder that was removed: Debian's begins by a script."""
+
+    class Slow(Browser):
+        def wait(self, seconds: float) -> int:
+            raise subprocess.TimeoutExpired("chromium", seconds)
+
+    ended: list[object] = []
     monkeypatch.setattr("ronnaplan.report.pdf.find_browser", lambda: "chromium")
-    monkeypatch.setattr("ronnaplan.report.pdf.subprocess.run", printing)
+    monkeypatch.setattr("ronnaplan.report.pdf.subprocess.Popen", Slow)
+    monkeypatch.setattr("ronnaplan.report.pdf.kill_all", ended.append)
     with pytest.raises(
         InputError, match=r"had not printed the report after 120 s, .*; try again, or write \.html"
     ):
+        print_pdf("<p>")
+    assert [type(one) for one in ended] == [Slow]
+
+
+def test_a_browser_that_fails_has_printed_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Failing(Browser):
+        def print(self, target: Path) -> None:
+            target.write_bytes(b"%PDF-1.4 %%EOF")
+
+        def wait(self, seconds: float) -> int:
+            return 1
+
+    monkeypatch.setattr("ronnaplan.report.pdf.find_browser", lambda: "chromium")
+    monkeypatch.setattr("ronnaplan.report.pdf.subprocess.Popen", Failing)
+    with pytest.raises(InputError, match=r"chromium could not print the report"):
         print_pdf("<p>")
 
 
@@ -405,22 +442,23 @@ def test_half_a_pdf_is_none_and_that_the_disk_is_full_is_told(
 ) -> None:
     """Of a full disk Chromium tells nobody: its exit status is 0."""
 
-    def printing(command: list[str], **_: Any) -> None:
-        target = next(part for part in command if part.startswith("--print-to-pdf="))
-        Path(target.partition("=")[2]).write_bytes(left)
+    class Half(Browser):
+        def print(self, target: Path) -> None:
+            with target.open("wb") as stream:
+                stream.write(left)
 
     def full(path: Path, content: bytes) -> None:
         assert len(content) > 2**20
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr("ronnaplan.report.pdf.find_browser", lambda: "chromium")
-    monkeypatch.setattr("ronnaplan.report.pdf.subprocess.run", printing)
+    monkeypatch.setattr("ronnaplan.report.pdf.subprocess.Popen", Half)
     with pytest.raises(
         InputError, match=r"chromium could not print the report; write \.html and print that"
     ) as told:
         print_pdf("<p>")
     assert not isinstance(told.value, UnwrittenError)
-    monkeypatch.setattr("ronnaplan.report.pdf.subprocess.run", lambda *_, **__: None)
+    monkeypatch.setattr("ronnaplan.report.pdf.subprocess.Popen", Browser)
     monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(UnwrittenError, match=r"no room to print the report in .*; make room there"):
         print_pdf("<p>")

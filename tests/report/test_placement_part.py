@@ -8,8 +8,9 @@ from dataclasses import replace
 import pytest
 
 from ronnaplan.case.folder import Case
+from ronnaplan.case.placed import placement_doubts
 from ronnaplan.documents.fiducials import FiducialsDocument
-from ronnaplan.documents.placement import HeldEntry, MarkerEntry, PlacementDocument
+from ronnaplan.documents.placement import HeldEntry, MarkerEntry, PlacementDocument, placement_text
 from ronnaplan.planning import Plan
 from ronnaplan.report.html import html_of
 from ronnaplan.report.overview import View
@@ -31,9 +32,11 @@ def test_the_report_tells_places_margins_and_what_they_do_not_cover(monkeypatch:
     plan = plan.add(replace(plan.trajectory("left"), name="later"))
     part = placement_part(Case(plan=plan, placement=placed()))
     told = "".join(html_of(part.body))
-    for text in ("place 2", "0.900", "least joint margin", "data:image/png", "joints turn by 90 degrees"):
+    for text in ("place 2", "0.800", "least joint margin", "data:image/png"):
         assert text in told
-    assert part.warnings[:2] == ["the robot has no free way to left", f"on the robot, {NEAR[0]}"]
+    no_way = "no free way from the reference posture to left"
+    assert f"<p>place 1: {no_way}</p>" in told
+    assert part.warnings[:2] == [f"the robot has {no_way}", f"on the robot, {NEAR[0]}"]
     assert [one for one in part.warnings if "trajectory" in one] == [
         "nothing says that the robot's place serves trajectory later as it is now; run 'robot place' again"
     ]
@@ -51,6 +54,31 @@ def test_the_report_tells_places_margins_and_what_they_do_not_cover(monkeypatch:
     part = placement_part(Case(plan=cases.plan(), placement=blocked), UNDRAWN)
     assert part.warnings == ["no place of the robot serves all: joint 5 is beyond its limit"]
     assert not placement_part(Case(plan=cases.plan())).body
+
+
+def test_a_place_without_a_free_way_is_not_told_to_serve_all_nor_an_order_in_which_nothing_is_reached() -> None:
+    """The command told no probability of such a place; the report had it, and an order of no tasks."""
+    found = placed()
+    told = "".join(html_of(placement_part(Case(plan=cases.plan(), placement=found), UNDRAWN).body))
+    assert "0.900" not in told
+    assert "order" not in told
+    assert "0.900" not in placement_text(found)
+    best = placed(robot_from_ct=found.robot_from_ct[1:])
+    for text in ("0.800", "order: left; joints turn by 90 degrees in all"):
+        assert text in "".join(html_of(placement_part(Case(plan=cases.plan(), placement=best), UNDRAWN).body))
+
+
+def test_all_faces_say_of_what_no_way_leads_in_the_same_words() -> None:
+    found = placed()
+    first = found.robot_from_ct[0]
+    assert first.no_way == "no free way from the reference posture to left"
+    met = first.model_copy(update={"at_reference": "forearm would meet base in the reference posture"})
+    assert met.no_way == "no free way to any task: forearm would meet base in the reference posture"
+    for place in (first, met):
+        shown = placed(robot_from_ct=(place,))
+        assert f"\n  {place.no_way}\n" in placement_text(shown)
+        assert f"the robot has {place.no_way}" in placement_doubts(shown, (), None)
+    assert found.robot_from_ct[1].no_way is None
 
 
 def test_a_trajectory_that_was_changed_since_is_not_said_to_be_served() -> None:
