@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -60,8 +61,9 @@ def require_apart(spheres: RobotMarkers, diameter_mm: float) -> None:
     Of spheres that are far apart and would be one if the robot's poses were read otherwise, poses were misread. Where
     no sphere was looked at twice nothing tells it.
     """
-    away_mm, _ = apart(spheres)
-    if misread := one_if_misread(spheres, FAR_MM):
+    away_mm, squared = apart(spheres)
+    otherwise = read_otherwise(spheres, same(away_mm, squared))
+    if misread := one_if_misread(otherwise, away_mm > FAR_MM):
         one, other = misread.looks
         raise RefusedError(
             f"the spheres of frames {spheres.labels[one]} and {spheres.labels[other]} are "
@@ -71,13 +73,17 @@ def require_apart(spheres: RobotMarkers, diameter_mm: float) -> None:
     overlap = np.argwhere((away_mm > SAME_SPHERE_MM) & (away_mm < diameter_mm))
     if len(overlap):
         one, other = overlap[0]
-        misread = one_if_misread(spheres, SAME_SPHERE_MM)
+        misread = one_if_misread(otherwise, away_mm > SAME_SPHERE_MM)
         hint = "" if misread is None else f", and whether in them {misread.mistakes}, which would make them one"
         raise RefusedError(
             f"the spheres of frames {spheres.labels[one]} and {spheres.labels[other]} are "
             f"{away_mm[one, other]:.1f} mm apart, yet {diameter_mm:g} mm wide; check that the robot's poses are those "
             f"of these looks{hint}"
         )
+
+
+Otherwise = tuple[str, NDArray[np.bool_]]
+"""A mistake in the robot's poses, a clause, and which looks (N, N) show one sphere without it."""
 
 
 class Misread(NamedTuple):
@@ -87,14 +93,19 @@ class Misread(NamedTuple):
     looks: tuple[int, int]
 
 
-def one_if_misread(spheres: RobotMarkers, least_mm: float) -> Misread | None:
-    """Return what makes spheres that are ``least_mm`` apart one, and none that are one two; None where nothing does."""
-    away_mm, squared = apart(spheres)
-    shown = same(away_mm, squared)
+def read_otherwise(spheres: RobotMarkers, shown: NDArray[np.bool_]) -> list[Otherwise]:
+    """Return mistakes without which none of the looks that ``shown`` (N, N) has at one sphere are at two."""
+    meant = (
+        (mistake, same(*apart(spheres.taken_from(poses)))) for mistake, poses in as_meant(spheres.robot_from_tcp)
+    )
+    return [(mistake, one) for mistake, one in meant if (one | ~shown).all()]
+
+
+def one_if_misread(otherwise: Sequence[Otherwise], parted: NDArray[np.bool_]) -> Misread | None:
+    """Return what makes spheres one that are ``parted`` (N, N); None where nothing does."""
     found: dict[str, tuple[int, int]] = {}
-    for mistake, poses in as_meant(spheres.robot_from_tcp):
-        meant = same(*apart(spheres.taken_from(poses)))
-        looks = np.argwhere(np.triu(meant & (away_mm > least_mm), 1))
-        if len(looks) and (meant | ~shown).all():
+    for mistake, meant in otherwise:
+        looks = np.argwhere(np.triu(meant & parted, 1))
+        if len(looks):
             found.setdefault(mistake, (int(looks[0, 0]), int(looks[0, 1])))
     return Misread(", or ".join(found), next(iter(found.values()))) if found else None
