@@ -67,7 +67,7 @@ def checked_points(values: ArrayLike, name: str) -> FloatArray:
 
 
 def checked_errors(sigma_mm: ArrayLike, covariances_mm2: ArrayLike | None, count: int, name: str) -> ErrorModel:
-    """Return the errors of N = ``count`` points from sigmas per axis, () or (N,), or from covariances (N, 3, 3)."""
+    """Return the errors of N = ``count`` points from sigmas per axis, () or (N,), or from their covariances."""
     if covariances_mm2 is not None:
         return errors_from_covariances(covariances_mm2, count, name)
     sigma = as_numbers(sigma_mm, f"the errors sigma of {name}", "standard deviations per axis in mm")
@@ -85,10 +85,15 @@ def checked_errors(sigma_mm: ArrayLike, covariances_mm2: ArrayLike | None, count
 
 
 def errors_from_covariances(covariances_mm2: ArrayLike, count: int, name: str) -> ErrorModel:
-    """Return the errors that covariances (N, 3, 3) state; raises `InputError` unless they can be errors."""
-    covariances = as_numbers(covariances_mm2, f"covariances of {name}", f"({count}, 3, 3) in mm^2")
-    if covariances.shape != (count, 3, 3):
-        raise InputError(f"covariances of {name} have shape {covariances.shape}; expected ({count}, 3, 3) in mm^2")
+    """Return the errors that covariances state, (3, 3) for all or (N, 3, 3); or `InputError` if they can be none."""
+    expected = f"(3, 3) for all or ({count}, 3, 3) in mm^2"
+    covariances = as_numbers(covariances_mm2, f"covariances of {name}", expected)
+    if covariances.shape not in ((3, 3), (count, 3, 3)):
+        raise InputError(
+            f"covariances of {name} have shape {covariances.shape}; expected {expected}, and errors that are the same "
+            "along all axes as sigma"
+        )
+    covariances = np.broadcast_to(covariances, (count, 3, 3)).copy()
     symmetric = np.isfinite(covariances).all() and np.allclose(covariances, covariances.transpose(0, 2, 1))
     variances = np.linalg.eigvalsh(covariances) if symmetric else np.zeros(1)
     if variances.min() <= 0:

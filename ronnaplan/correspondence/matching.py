@@ -82,7 +82,8 @@ def match_points(
     sigma_ct_mm, sigma_ots_mm
         Standard deviations per axis, one for all points or one a point.
     covariances_ct_mm2, covariances_ots_mm2
-        (n, 3, 3) and (m, 3, 3), each in its own frame; they replace the sigma of that set.
+        (3, 3) for all points or one a point, (n, 3, 3) and (m, 3, 3), each in its own frame; they replace the sigma
+        of that set.
     known_pairs
         (CT index, OTS index) of markers that were pointed at; every considered pairing holds them.
     at_least

@@ -258,6 +258,18 @@ def test_anisotropic_errors_equal_in_all_directions_change_nothing() -> None:
     assert full.probability == pytest.approx(plain.probability, abs=1e-7)
 
 
+def test_one_covariance_stands_for_those_of_all_points() -> None:
+    """As in `register_points`; it was refused, whose errors are the same everywhere had to repeat it."""
+    ct, ots, _ = scene(6, markers=5, outliers=2)
+    one = np.diag([0.3, 0.2, 0.5]) ** 2
+    each, all_ = (
+        match_points(ct, ots, expected=5, covariances_ct_mm2=stated, covariances_ots_mm2=stated)
+        for stated in (np.tile(one, (7, 1, 1)), one.tolist())
+    )
+    assert np.array_equal(each.pairs, all_.pairs)
+    assert each.probability == all_.probability
+
+
 def test_stating_that_one_axis_is_poor_finds_markers_that_a_round_error_would_lose() -> None:
     rng = np.random.default_rng(7)
     covariance = np.diag([0.2, 0.2, 2.5]) ** 2
@@ -305,7 +317,13 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
         "1e-06",
     ),
     "covariance beyond reason": ({"covariances_ct_mm2": np.tile(1e12 * np.eye(3), (8, 1, 1))}, "1e\\+06 mm along"),
-    "covariance shape": ({"covariances_ct_mm2": np.eye(3)}, "shape"),
+    "covariances of other points": (
+        {"covariances_ct_mm2": np.tile(np.eye(3), (7, 1, 1))},
+        r"\(3, 3\) for all or \(8,",
+    ),
+    "sigma as a covariance": ({"covariances_ots_mm2": 0.2}, r"shape \(\); .* as sigma"),
+    "sigmas as covariances": ({"covariances_ct_mm2": np.full(8, 0.2)}, r"shape \(8,\); .* as sigma"),
+    "one covariance not symmetric": ({"covariances_ct_mm2": np.triu(np.ones((3, 3)))}, "positive definite"),
     "expected too many": ({"expected": 10_001}, "10001 pairs are expected; .* 10000 at most"),
     "expected too few": ({"expected": 2}, "at least 3"),
     "at least too many": ({"at_least": 10_001}, "10001 pairs are the least"),
