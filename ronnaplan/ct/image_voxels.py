@@ -13,9 +13,9 @@ import numpy as np
 
 from ronnaplan.bounds import LARGEST_HU
 from ronnaplan.ct.files import DamagedError, open_regular
+from ronnaplan.ct.flags import Voxels
 from ronnaplan.ct.image_header import ImageHeader, StoredVoxels
 from ronnaplan.ct.limits import are_hu, fit_int16
-from ronnaplan.ct.volume import Voxels
 
 _ZLIB_OR_GZIP: Final = 32 + zlib.MAX_WBITS
 _READ_AT_ONCE_BYTES: Final = 1 << 20

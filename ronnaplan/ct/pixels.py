@@ -11,10 +11,10 @@ from ronnaplan.bounds import LARGEST_HU
 from ronnaplan.ct import tags
 from ronnaplan.ct.codecs import decode
 from ronnaplan.ct.files import inflate
+from ronnaplan.ct.flags import Voxels
 from ronnaplan.ct.header import DEFLATED_LITTLE, deflated_part
 from ronnaplan.ct.limits import Limits, are_hu
 from ronnaplan.ct.slices import FLOAT_BYTES, PixelFormat, SliceImage, Stored
-from ronnaplan.ct.volume import Voxels
 from ronnaplan.errors import InputError
 
 INT16: Final = np.iinfo(np.int16)

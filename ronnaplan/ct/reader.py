@@ -19,9 +19,9 @@ from typing import Final
 
 import numpy as np
 
-from ronnaplan.bounds import LOWEST_HU
 from ronnaplan.ct.catalogue import Catalogue, Series, find_series
 from ronnaplan.ct.files import DamagedError, given_path
+from ronnaplan.ct.flags import VolumeFlag, Voxels
 from ronnaplan.ct.images import is_image_file, read_image
 from ronnaplan.ct.limits import DEFAULT_LIMITS, GIB, Limits
 from ronnaplan.ct.pixels import (
@@ -33,10 +33,10 @@ from ronnaplan.ct.pixels import (
     read_slice,
 )
 from ronnaplan.ct.progress import Progress, advancing
-from ronnaplan.ct.scale import AIR_ABOVE_HU, doubts_of_scale
+from ronnaplan.ct.scale import AIR_ABOVE_HU, doubts_of_scale, unmeasured_hu
 from ronnaplan.ct.scratch import Scratch, one_by_one
 from ronnaplan.ct.slices import CT_ONLY, CT_OR_MR, SliceImage
-from ronnaplan.ct.volume import CTVolume, SeriesSource, VolumeFlag, Voxels
+from ronnaplan.ct.volume import CTVolume, SeriesSource
 from ronnaplan.errors import InputError
 from ronnaplan.threads import cores, in_threads
 
@@ -258,15 +258,11 @@ def _padding_hu(slices: Sequence[SliceImage]) -> float | None:
 def _mark_unmeasured_corners(voxels: Voxels, padding_hu: float | None) -> float | None:
     """Return the value that padding has: ``padding_hu``, where the file declares it, else what its corners show.
 
-    That is the one value, below any that air can take, in all corners of all slices, outside the circle of
-    reconstruction. Where it is another than the declared one, ``voxels`` that have it get the declared one.
+    Where they show another than the declared one, ``voxels`` that have it get the declared one.
     """
-    corners = np.array([plane[[0, 0, -1, -1], [0, -1, 0, -1]] for plane in one_by_one(voxels)])
-    value = float(corners.min())
-    if value >= LOWEST_HU or value == padding_hu or not (corners == value).all():
-        return padding_hu
-    if padding_hu is None:
-        return value
+    value = unmeasured_hu(voxels)
+    if value is None or padding_hu is None or value == padding_hu:
+        return padding_hu if value is None else value
     for plane in voxels:
         plane[plane == value] = padding_hu
     return padding_hu

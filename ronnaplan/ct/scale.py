@@ -13,8 +13,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from ronnaplan.bounds import LOWEST_HU
+from ronnaplan.ct.flags import VolumeFlag, Voxels
 from ronnaplan.ct.scratch import one_by_one
-from ronnaplan.ct.volume import VolumeFlag, Voxels
 
 AIR_BELOW_HU: Final = -500.0
 """A head is scanned in air, which is lower than this in every scan, and never so in values that are offset."""
@@ -47,6 +48,16 @@ def doubts_of_scale(voxels_hu: Voxels, padding_hu: float | None) -> tuple[Volume
         VolumeFlag.INVERTED: float(np.median(seen)) > BRIGHT_HU,
     }
     return tuple(flag for flag, holds in doubts.items() if holds)
+
+
+def unmeasured_hu(voxels_hu: Voxels) -> float | None:
+    """Return what stands in voxels (K, J, I) for what was not measured, outside the circle of reconstruction.
+
+    That is the one value, below any that air can take, in all corners of all slices; None where there is none.
+    """
+    corners = np.array([plane[[0, 0, -1, -1], [0, -1, 0, -1]] for plane in one_by_one(voxels_hu)])
+    value = float(corners.min())
+    return value if value < LOWEST_HU and bool((corners == value).all()) else None
 
 
 def seen_values(voxels_hu: Voxels, padding_hu: float | None) -> NDArray[Any]:

@@ -6,20 +6,22 @@ import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ronnaplan.bounds import LARGEST_HU
+from ronnaplan.ct.arrays import checked_voxels, upwards
+from ronnaplan.ct.flags import VolumeFlag as VolumeFlag
+from ronnaplan.ct.flags import Voxels as Voxels
 from ronnaplan.ct.grid import SliceGrid
 from ronnaplan.ct.identity import ScanIdentity
-from ronnaplan.ct.limits import are_hu, fit_int16
+from ronnaplan.ct.limits import fit_int16
+from ronnaplan.ct.scale import doubts_of_scale, unmeasured_hu
 from ronnaplan.ct.scale_end import scale_end_hu
 from ronnaplan.ct.scratch import one_by_one, runs
-from ronnaplan.errors import InputError, UsageError
+from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray, Frame, as_point, as_points
 from ronnaplan.pipes import Sendable
 from ronnaplan.text import place
@@ -28,58 +30,11 @@ if TYPE_CHECKING:
     from ronnaplan.figures import Picture
 
 
-Voxels = NDArray[np.int16] | NDArray[np.float32]
-"""HU (slice, row, column), or a part of them."""
-
 WAYS_TO_A_VOLUME = "read_ct returns one, CTVolume.from_sitk and CTVolume.from_array make one"
 """What to do where something else was given."""
 
 INDEX_DIGITS = 6
 """Voxel indices are rounded to so many digits, so that the outermost voxels are not outside of their grid."""
-
-
-class VolumeFlag(StrEnum):
-    """Reasons to doubt a volume; each value is the sentence shown to the user."""
-
-    LOSSY = "the images were compressed with loss"
-    UNEVEN_SPACING = "the slices are not evenly spaced"
-    ROUNDED = "the slices' positions are rounded, and were taken for evenly spaced as they agree with that"
-    CUT_SPACING = (
-        "the pixel spacing has three decimals, and the diameter of reconstruction tells that more were left out: "
-        "distances in the slices may be off by 0.05 % and more"
-    )
-    MISSING_SLICE = "one or more slices are missing"
-    DUPLICATES_DROPPED = "identical copies of a slice were dropped"
-    SAME_INSTANCE = "different images bear one SOP Instance UID, so that archives keep one of them only"
-    OVERLAPPING = "the slices overlap"
-    TILT_CONTRADICTS = "the gantry tilt tag contradicts the slice positions"
-    SHIFTED_SIDEWAYS = "slices are shifted sideways against each other"
-    SHEARED = (
-        "each slice lies sideways of the one before, and no tag tells of a tilted gantry; check their positions"
-    )
-    UNREADABLE_FILES = "some files beside the slices could not be read"
-    ONLY_USABLE = "another scan beside it cannot be used, so this one was taken; check that it is the one meant"
-    NO_FRAME_OF_REFERENCE = "the file names no frame of reference"
-    IMAGES_LEFT_OUT = "images of the same series that do not fit the others were left out"
-    MIXED_VOLTAGE = "the tube voltage changes within the volume"
-    OUT_OF_ORDER = "neighbouring slices were not taken one after another"
-    DERIVED = "the images were computed from others"
-    REFORMATTED = "the slices were resampled from others"
-    REPEATED = "slices, rows or columns repeat others, as resampling to the nearest does; give the original series"
-    VIRTUAL_VALUES = "the values are those of a material or of a virtual energy"
-    NO_AIR = "no value is as low as air's, as if all were offset (by 1024?); expected air at -1000 HU"
-    LOW_AIR = (
-        "air is far below -1000 HU, as if an offset (of -1024?) had been added twice; expected air at -1000 HU"
-    )
-    SIGN = (
-        "values lie far below air's -1000 HU, as if the pixels were unsigned though the header calls them signed; what "
-        "is bright would then be dark here"
-    )
-    NO_TISSUE = (
-        "no value is as high as tissue's, as if the rescale slope were wrong; expected tissue at about 0 HU"
-    )
-    SCALED = "air and what is in it are not 1000 apart, so the values are no HU; they were scaled to find markers"
-    INVERTED = "more than half is brighter than bone, as if inverted or without its sign; expected air at -1000 HU"
 
 
 @dataclass(frozen=True)
@@ -230,28 +185,16 @@ class CTVolume(Gridded):
         ``numpy.diag([-1, -1, 1, 1]) @ image.affine[:, [2, 1, 0, 3]]``; of what `to_xarray` gave, it and its
         ``attrs["lps_from_kji"]``.
 
+        It is doubted as the same scan in an image file is, and what was not measured is told by its corners, too.
         Raises `UsageError` for what is no array of numbers of three axes, `InputError` for masked or impossible values
         and an affine that is none of a scan.
         """
-        voxels = np.asarray(voxels_hu)
-        if voxels.ndim != 3 or voxels.dtype.kind not in "iuf" or not voxels.size:
-            raise UsageError(
-                f"voxels are {voxels.dtype} of shape {voxels.shape}; expected numbers (slices, rows, columns)"
-            )
-        if np.ma.is_masked(voxels_hu):
-            raise InputError("voxels are masked; fill in what the scan has there")
-        if not are_hu(voxels):
-            raise InputError(f"voxels hold values that are not finite numbers up to {LARGEST_HU:g}; expected HU")
-        kept: Any = voxels.astype(np.int16 if voxels.dtype.kind in "iu" and fit_int16(voxels) else np.float32)
+        voxels, matrix = upwards(checked_voxels(voxels_hu), SliceGrid.checked_affine(affine))
+        grid, padding_hu = SliceGrid.from_affine(matrix, len(voxels)), unmeasured_hu(voxels)
         source = SeriesSource(frame_of_reference_uid=frame_of_reference_uid)
-        matrix = SliceGrid.checked_affine(affine)
-        if np.linalg.det(matrix[:3, [2, 1, 0]]) < 0:  # a `SliceGrid` ascends along its normal
-            kept = kept[::-1]
-            matrix = np.column_stack(
-                [-matrix[:, 0], *matrix[:, 1:3].T, matrix[:, 3] + (len(kept) - 1) * matrix[:, 0]]
-            )
-        rows = np.ascontiguousarray(kept)  # as readers give them: kernels are compiled for these
-        return cls(rows, SliceGrid.from_affine(matrix, len(rows)), source)
+        sheared = (VolumeFlag.SHEARED,) if grid.is_sheared else ()
+        flags = (*sheared, *doubts_of_scale(voxels, padding_hu))
+        return cls(voxels, grid, source, padding_hu, flags)
 
     @classmethod
     def from_sitk(cls, image: Any, frame_of_reference_uid: str | None = None) -> CTVolume:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ronnaplan.ct import Limits, VolumeFlag, read_ct
+from ronnaplan.ct import CTVolume, Limits, VolumeFlag, read_ct
 from ronnaplan.ct.summary import summarize
 from ronnaplan.errors import InputError
 from tests.ct.makers import pattern
@@ -63,6 +63,26 @@ def test_slices_that_shift_sideways_as_by_no_gantry_are_flagged(tmp_path: Path) 
         assert read_ct(path).flags == (VolumeFlag.NO_FRAME_OF_REFERENCE, *flags)
         (listed,), _ = summarize(path)
         assert listed.notes == tuple(str(flag) for flag in (VolumeFlag.NO_FRAME_OF_REFERENCE, *flags))
+
+
+def test_a_scan_from_an_array_or_an_image_is_doubted_as_from_a_file(tmp_path: Path) -> None:
+    """A shear, values without air and corners that were not measured were told of files only."""
+    whole = np.tile(VOXELS, (6, 4, 4)).astype(np.int16)
+    without_air, unmeasured = whole + np.int16(600), whole.copy()
+    unmeasured[:, :: whole.shape[1] - 1, :: whole.shape[2] - 1] = -3024
+    for voxels in (whole, without_air, unmeasured):
+        path = write(tmp_path / "head.mha", voxels)
+        read = read_ct(path)
+        image = SimpleITK.ReadImage(str(path))
+        for made in (CTVolume.from_sitk(image), CTVolume.from_array(read.voxels_hu, read.affine)):
+            assert (VolumeFlag.NO_FRAME_OF_REFERENCE, *made.flags) == read.flags
+            assert made.padding_hu == read.padding_hu
+            assert made.voxel_sha256 == read.voxel_sha256
+    assert CTVolume.from_array(without_air, read.affine).flags == (VolumeFlag.NO_AIR,)
+    assert CTVolume.from_array(unmeasured, read.affine).padding_hu == -3024
+    sheared = read.affine.copy()
+    sheared[:3, 0] += sheared[:3, 1]
+    assert CTVolume.from_array(VOXELS, sheared).flags == (VolumeFlag.SHEARED,)
 
 
 @pytest.mark.parametrize("suffix", [".nii.gz", ".nrrd", ".mha"])

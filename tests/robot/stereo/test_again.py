@@ -110,8 +110,8 @@ def test_of_poses_that_were_read_rightly_nothing_is_told(seeds: int) -> None:
             require_apart(looks, DIAMETER_MM)
             assert contradiction(looks) is None
             moved = looked(seed, order, away_mm=away_mm, moved_mm=30.0, moved_from=6)
-            away_mm, squared = apart(moved)
-            assert one_if_misread(read_otherwise(moved, same(away_mm, squared)), away_mm > FARTHER_MM) is None
+            far_mm, squared = apart(moved)
+            assert one_if_misread(read_otherwise(moved, same(far_mm, squared)), far_mm > FARTHER_MM) is None
     other = replace(CT, positions_mm=HEAD_MM * [1.1, 0.9, 1.0])
     with pytest.raises(RefusedError) as refused:
         register_robot_markers(other, looked(1, [0, 1, 2, 3, 4, 5]), sigma_ct_mm=0.1)
