@@ -14,7 +14,7 @@ import threading
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 OPENED_ELSEWHERE_S = 2.0
 """Windows replaces no file that another program has open: how long to wait until it has read it."""
@@ -45,14 +45,25 @@ def kill_group(process: subprocess.Popen[Any]) -> None:
             os.killpg(process.pid, signal.SIGKILL)
 
 
-def kill_all(process: subprocess.Popen[Any]) -> None:
+class Killed(Protocol):
+    """A process, of `subprocess` or of `asyncio`, that did not end yet."""
+
+    @property
+    def pid(self) -> int:
+        """Its number in the system."""
+
+    def kill(self) -> None:
+        """End it at once."""
+
+
+def kill_all(process: Killed) -> None:
     """End at once a process, and on Linux what it began, which would go on without it: some commands are scripts.
 
     It stays in the group of who began it, and ends with that.
     """
     begun = _begun_by(process.pid)
-    process.kill()
-    process.wait()
+    with suppress(ProcessLookupError):
+        process.kill()
     for number in begun:
         with suppress(ProcessLookupError):
             os.kill(number, signal.SIGKILL)

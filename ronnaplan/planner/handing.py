@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import shutil
 import sys
 import tempfile
@@ -19,6 +20,7 @@ from ronnaplan.documents.files import write_atomically
 from ronnaplan.errors import RonnaplanError, UsageError, wants_room
 from ronnaplan.pipes import environment
 from ronnaplan.planner.storage import Storage
+from ronnaplan.portable import kill_all
 from ronnaplan.text import printable
 
 MOST_READINGS_BYTES: Final = 16 * 2**20
@@ -26,6 +28,9 @@ MOST_READINGS_BYTES: Final = 16 * 2**20
 
 LOOK_S: Final = 1.0
 """How often it is looked whether a page still waits for what is made."""
+
+GONE_S: Final = 5.0
+"""How long is waited for what was ended: where something it began goes on, that holds what it wrote to."""
 
 MADE: Final = {
     "report.html": ("report", "{case}"),
@@ -205,19 +210,25 @@ async def _while_awaited(request: web.Request, making: Coroutine[Any, Any, bytes
 
 
 async def _run(*arguments: str) -> None:
-    """Run a verb in a process of its own; raises `HTTPUnprocessableEntity` with what it says went wrong."""
+    """Run a verb in a process of its own; raises `HTTPUnprocessableEntity` with what it says went wrong.
+
+    The last of ``arguments`` is the file to make. What lies about while it is made, as a report before it is printed,
+    lies beside it, to go with it where that is given up: it tells of a patient.
+    """
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-m", "ronnaplan", *arguments),
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.DEVNULL,
         stderr=asyncio.subprocess.PIPE,
-        env=environment(),
+        env={**environment(), "TMPDIR": str(Path(arguments[-1]).parent)},
     )
     try:
         _, told = await process.communicate()
     finally:
-        if process.returncode is None:
-            process.kill()
+        if process.returncode is None:  # given up
+            kill_all(process)
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(process.wait(), GONE_S)
     if process.returncode:
         last = told.decode(errors="replace").strip().rpartition("\n")[2].removeprefix("ronnaplan: ")
         raise web.HTTPUnprocessableEntity(

@@ -81,6 +81,7 @@ def _printed(browser: str, html: str, folder: Path) -> bytes:
         status = process.wait(TIME_LIMIT_S)
     except BaseException:  # given up, it would go on, and write into a folder that is removed
         kill_all(process)
+        process.wait()
         raise
     if status:
         raise subprocess.CalledProcessError(status, browser)

@@ -6,8 +6,12 @@ import asyncio
 import errno
 import itertools
 import json
+import sys
+import time
+from asyncio.subprocess import Process, create_subprocess_exec
 from http import HTTPStatus
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote
 
 import pytest
@@ -139,6 +143,48 @@ def test_what_a_page_no_longer_waits_for_is_given_up(storage: Storage, monkeypat
     monkeypatch.setattr(handing, "LOOK_S", 0.01)
     monkeypatch.setattr(handing, "_run", make)
     run(asked())
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not tell what a process began")
+def test_a_browser_that_prints_what_nobody_waits_for_ends_too_and_its_files_go(
+    storage: Storage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It went on, and left the report, which tells of a patient, in the system's folder for temporary files."""
+    verb, began, known, create = tmp_path / "verb", tmp_path / "began", tmp_path / "known", create_subprocess_exec
+    verb.write_text(
+        f"#!/bin/sh\nuntil test -e '{known}'; do sleep 0.01; done\n"
+        f'sleep 600 &\necho $! "$TMPDIR" > "{began}.part"; mv "{began}.part" "{began}"; wait\n'
+    )
+    verb.chmod(0o755)
+
+    async def created(*arguments: str, **options: Any) -> Process:
+        process = await create(*arguments, **options)
+        known.touch()
+        return process
+
+    monkeypatch.setattr("ronnaplan.planner.handing.asyncio.create_subprocess_exec", created)
+    monkeypatch.setattr("ronnaplan.planner.handing.sys.executable", str(verb))
+
+    async def given_up() -> None:
+        made = Handing(storage, Origin(cases.CT), lambda: None, lambda: None)._run_on_copies(
+            "report.pdf", ("report",)
+        )
+        making = asyncio.ensure_future(made)
+        while not began.exists():
+            await asyncio.sleep(0.01)
+        making.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await making
+
+    run(given_up())
+    number, beside = began.read_text().split()
+    assert not Path(beside).exists()
+    status = Path("/proc") / number / "stat"
+    for _ in range(3000):
+        if not status.exists() or status.read_text().rpartition(")")[2].split()[0] in "ZX":
+            return
+        time.sleep(0.01)
+    pytest.fail("what was begun goes on")
 
 
 @pytest.mark.parametrize(
