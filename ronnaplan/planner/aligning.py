@@ -9,8 +9,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from ronnaplan.errors import InputError
 from ronnaplan.geometry import FloatArray
 from ronnaplan.scene.field import Field
+from ronnaplan.text import printable
 from ronnaplan.transforms import transform_points
 
 BINS, SHARE, SEED = 40, 0.25, 1
@@ -51,9 +53,22 @@ class Alignment:
 
 
 def align(fixed: Field, moving: Field) -> Alignment:
-    """Register ``moving`` to ``fixed`` twice, from the centers of mass and from aside; return the better result."""
+    """Register ``moving`` to ``fixed`` twice, from the centers of mass and from aside; return the better result.
+
+    Raises `InputError` for images of which SimpleITK finds nothing to compare.
+    """
     import SimpleITK as sitk
 
+    try:
+        return _aligned(sitk, fixed, moving)
+    except RuntimeError as error:  # all that SimpleITK raises
+        reason = printable(str(error).strip().rpartition("\n")[2])
+        raise InputError(
+            f"SimpleITK cannot register the second image to the scan ({reason}); give one that shows the same head"
+        ) from error
+
+
+def _aligned(sitk: Any, fixed: Field, moving: Field) -> Alignment:
     images = [_image(sitk, one) for one in (fixed, moving)]
     start, aside = _start(sitk, images), _start(sitk, images)
     turn, shift = np.radians(ASIDE_DEG), np.array(start.GetTranslation()) + ASIDE_MM / np.sqrt(3.0)

@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.ct import CTVolume, SliceGrid
-from ronnaplan.errors import UsageError
+from ronnaplan.errors import InputError, UsageError
 from ronnaplan.planner.aligning import align
 from ronnaplan.planner.second import Blend, Second
 from ronnaplan.planner.state import PlannerState
@@ -113,6 +113,17 @@ def test_a_head_that_is_its_own_mirror_image_tells_nothing_of_exchanged_sides() 
     )
     assert found.apart_mm < 1.0
     assert found.exchanged == ()
+
+
+@pytest.mark.parametrize("shape", [(20, 20, 20), (2, 2, 2)])
+def test_an_image_that_shows_nothing_is_refused_in_a_sentence(shape: tuple[int, int, int]) -> None:
+    """SimpleITK's error ended the process, and the page was told to see what the planner had printed."""
+    cells = np.moveaxis(np.indices((20, 20, 20)), 0, -1).sum(axis=-1).astype(np.float32)
+    there = Field(cells, np.zeros(3), CELL_MM)
+    with pytest.raises(
+        InputError, match=r"cannot register the second image .*\); give one that shows the same head"
+    ):
+        align(there, replace(there, values=np.zeros(shape, np.float32)))
 
 
 def test_an_image_of_the_same_frame_is_placed_at_once_and_blended_or_checkered() -> None:
