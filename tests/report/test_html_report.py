@@ -399,7 +399,7 @@ class Browser:
     def print(self, target: Path) -> None:
         """Print nothing."""
 
-    def wait(self, seconds: float) -> int:
+    def wait(self, seconds: float | None = None) -> int:
         """Return the exit status."""
         return 0
 
@@ -408,7 +408,9 @@ def test_a_browser_that_takes_too_long_is_told_as_such_and_ended(monkeypatch: py
     """It went on, and wrote what it keeps into the folder that was removed: Debian's begins by a script."""
 
     class Slow(Browser):
-        def wait(self, seconds: float) -> int:
+        def wait(self, seconds: float | None = None) -> int:
+            if seconds is None:
+                return -9
             raise subprocess.TimeoutExpired("chromium", seconds)
 
     ended: list[object] = []
@@ -427,7 +429,7 @@ def test_a_browser_that_fails_has_printed_nothing(monkeypatch: pytest.MonkeyPatc
         def print(self, target: Path) -> None:
             target.write_bytes(b"%PDF-1.4 %%EOF")
 
-        def wait(self, seconds: float) -> int:
+        def wait(self, seconds: float | None = None) -> int:
             return 1
 
     monkeypatch.setattr("ronnaplan.report.pdf.find_browser", lambda: "chromium")
