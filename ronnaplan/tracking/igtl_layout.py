@@ -6,6 +6,7 @@ What stands around the body of each, what PLUS tells beside it (its metadata), a
 from __future__ import annotations
 
 import math
+import re
 import struct
 from collections import Counter
 from collections.abc import Mapping
@@ -25,6 +26,8 @@ METADATA_ITEM = struct.Struct(">HHI")
 POSE = "Transform"
 """Before ``Status`` and ``Valid``, the name of a message's pose in what PLUS tells of it; of several, their tools'."""
 VERSIONS = (1, 2, 3)
+KIND = re.compile(rb"[A-Za-z0-9_]+")
+"""The type of a message; those that ask for another one, or answer that, begin with ``GET_``, ``STT_``, ``RTS_``."""
 LARGEST_BODY = 1 << 26
 """A longer message body (64 MB) is not tracker data but a lost byte count."""
 POINT_ITEM = np.dtype(
@@ -67,7 +70,7 @@ class Message:
         """Return the message that ``header`` (58 bytes) announces; raises ValueError for what is no such header."""
         version, kind, device, seconds, fraction, length, checksum = HEADER.unpack(header)
         bare = kind.split(b"\0")[0]
-        if version not in VERSIONS or not bare.isalnum():
+        if version not in VERSIONS or KIND.fullmatch(bare) is None:
             raise ValueError(f"a header of version {version} and type {printable(bare)}")
         if length > LARGEST_BODY:
             raise ValueError(f"a body of {length} bytes")

@@ -507,6 +507,14 @@ def test_a_damaged_message_is_left_out_with_a_note() -> None:
     assert "checksum" in recording.notes[0]
 
 
+@pytest.mark.parametrize("kind", ["RTS_TDATA", "GET_CAPABIL", "STT_QTDATA"])
+def test_what_asks_or_answers_ends_no_stream(kind: str) -> None:
+    with server([points(), named(kind, b"Tracker", b"\0\0"), points(time_s=12.6)], hold=False) as port:
+        recording = record("127.0.0.1", port, seconds=5)
+    assert [one.frame for one in recording.points] == [0, 0, 1, 1]
+    assert recording.end is StreamEnd.CLOSED
+
+
 def test_other_messages_are_passed_over() -> None:
     with server([pyigtl.StringMessage("hello", device_name="S").pack(), points()], hold=False) as port:
         assert len(record("127.0.0.1", port, seconds=5).points) == 2
