@@ -15,7 +15,7 @@ from ronnaplan.errors import InputError, RonnaplanError
 from ronnaplan.node.arrivals import Arrivals
 from ronnaplan.node.config import Config, Peer
 from ronnaplan.node.matches import LEVELS, fitting
-from ronnaplan.node.web import unreached, web_client
+from ronnaplan.node.web import AS_STORED, is_unacceptable, unreached, web_client
 from ronnaplan.text import printable
 
 if TYPE_CHECKING:
@@ -152,15 +152,24 @@ class _Web:
     def fetch(self, uids: Sequence[str], folder: Path) -> set[Path]:
         self._kept.expect(uids, folder)
         with _understood(self._peer):
-            if len(uids) == len(LEVELS):
-                instances = [self._client.retrieve_instance(*uids)]
-            else:
-                instances = (self._client.iter_study, self._client.iter_series)[len(uids) - 1](*uids)
-            for instance in instances:
-                file = io.BytesIO()
-                instance.save_as(file, enforce_file_format=True)
-                self._kept.keep(instance.SOPInstanceUID, file.getvalue())
+            try:
+                self._retrieve(uids, media_types=AS_STORED)
+            except OSError as error:
+                if not is_unacceptable(error):
+                    raise
+                self._retrieve(uids)
         return self._kept.all_of(self._peer.name, _instances(self, uids))
+
+    def _retrieve(self, uids: Sequence[str], **told: Any) -> None:
+        """Keep the instances of a study, of one of its series, or the one named."""
+        if len(uids) == len(LEVELS):
+            instances = [self._client.retrieve_instance(*uids, **told)]
+        else:
+            instances = (self._client.iter_study, self._client.iter_series)[len(uids) - 1](*uids, **told)
+        for instance in instances:
+            file = io.BytesIO()
+            instance.save_as(file, enforce_file_format=True)
+            self._kept.keep(instance.SOPInstanceUID, file.getvalue())
 
 
 def _instances(archive: Archive, uids: Sequence[str]) -> set[str]:

@@ -23,6 +23,10 @@ AGAIN: Final = 4
 BUSY: Final = (408, 429, 503, 504)
 CONFLICT: Final = 409
 """Status of an archive that stored none of what it was sent."""
+AS_STORED: Final = (("application/dicom", "*"),)
+"""Instances in whichever transfer syntax an archive has them: it changes them by default, or fails where it cannot."""
+UNACCEPTABLE: Final = (400, 406)
+"""Status of an archive that does not know that it may be asked for them so."""
 MORE: Final = "299"
 """Code of the warning that a list has more than was told (PS3.18, 8.3.4.4)."""
 
@@ -73,6 +77,13 @@ def unreached(peer: Peer, error: Exception) -> InputError:
         return InputError(f"{peer.name} answered {said} by DICOMweb; check its address, or ask again later")
     told = "it does not answer" if isinstance(error, Timeout) else _innermost(error)
     return InputError(f"{peer.name} cannot be reached by DICOMweb: {told}; check its address")
+
+
+def is_unacceptable(error: Exception) -> bool:
+    """Whether an archive may give in its own transfer syntax what it did not give as it is stored."""
+    from requests import HTTPError
+
+    return isinstance(error, HTTPError) and error.response is not None and error.response.status_code in UNACCEPTABLE
 
 
 def refusals(error: Exception) -> Dataset | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import signal
 import socket
@@ -17,8 +18,14 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from pydicom import dcmread
 from pydicom.dataset import Dataset
-from pydicom.uid import Comprehensive3DSRStorage, SecondaryCaptureImageStorage, XRayRadiationDoseSRStorage
+from pydicom.uid import (
+    Comprehensive3DSRStorage,
+    RLELossless,
+    SecondaryCaptureImageStorage,
+    XRayRadiationDoseSRStorage,
+)
 
 from ronnaplan.cli import main
 from ronnaplan.cli import pull as pull_verb
@@ -209,6 +216,56 @@ def test_a_dicomweb_archive_that_is_busy_is_asked_again(
         server.shutdown()
     assert len(asked) == min(busy + 1, 5)
     assert waited == ([2.0, 4.0, 8.0] if busy > 1 else [])
+
+
+@pytest.mark.parametrize("knows_any_syntax", [True, False])
+def test_a_dicomweb_archive_is_asked_for_instances_as_it_stores_them(
+    tmp_path: Path, knows_any_syntax: bool
+) -> None:
+    (stored,) = makers.write_series(tmp_path / "sent", count=1, change=_squeeze).iterdir()
+    sop_uid = str(makers.dataset(0).SOPInstanceUID)
+    asked = list[str]()
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            if "?" in self.path:  # a list, of which there is one page
+                told = {"0020000D": STUDY, "0020000E": makers.SERIES, "00080018": sop_uid}
+                entry = {tag: {"vr": "UI", "Value": [uid]} for tag, uid in told.items()}
+                self._answer(
+                    200, "application/dicom+json", b"[]" if "offset" in self.path else json.dumps([entry]).encode()
+                )
+                return
+            asked.append(self.headers["Accept"])
+            if not knows_any_syntax and "transfer-syntax=*" in asked[-1]:
+                self._answer(406, "text/plain", b"")
+                return
+            part = b"--X\r\nContent-Type: application/dicom\r\n\r\n" + stored.read_bytes() + b"\r\n--X--\r\n"
+            self._answer(200, 'multipart/related; type="application/dicom"; boundary=X', part)
+
+        def _answer(self, status: int, kind: str, body: bytes) -> None:
+            self.send_response(status)
+            self.send_header("Content-Type", kind)
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        peer = peer_at(f"http://127.0.0.1:{server.server_port}", Config())
+        assert pull(Config(), peer, Wanted(STUDY), tmp_path / "out") == 1
+        server.shutdown()
+    assert "transfer-syntax=*" in asked[0]
+    assert len(asked) == 2 - knows_any_syntax
+    (kept,) = (tmp_path / "out").iterdir()
+    assert dcmread(kept).file_meta.TransferSyntaxUID == RLELossless
+
+
+def _squeeze(made: Any, _: int) -> None:
+    made.StudyInstanceUID = STUDY
+    made.compress(RLELossless, generate_instance_uid=False)
 
 
 @pytest.mark.parametrize("date", ["20260231", "00000000", "20261301-", "20260201-20260131", "2026-01-01"])
