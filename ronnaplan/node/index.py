@@ -73,6 +73,10 @@ CREATE TABLE IF NOT EXISTS steps (          -- modality performed procedure step
 CREATE TABLE IF NOT EXISTS announced (      -- how many instances a series has, as its scanner says
     series_uid TEXT PRIMARY KEY, instances INTEGER NOT NULL, received REAL NOT NULL
 ) WITHOUT ROWID;
+CREATE TABLE IF NOT EXISTS lacking (        -- instances that there was no room for, which their senders keep
+    study_uid TEXT NOT NULL, series_uid TEXT NOT NULL, sop_uid TEXT NOT NULL, received REAL NOT NULL,
+    PRIMARY KEY (study_uid, series_uid, sop_uid)
+) WITHOUT ROWID;
 CREATE TABLE IF NOT EXISTS documents (      -- what a job has made objects of, beside the scan
     job INTEGER PRIMARY KEY REFERENCES jobs (id) ON DELETE CASCADE, stamp TEXT NOT NULL
 );
@@ -81,6 +85,9 @@ CREATE TABLE IF NOT EXISTS clock (          -- when it was last looked at, and b
 );
 CREATE INDEX IF NOT EXISTS deliveries_by_state ON deliveries (state, due);
 """
+
+
+OF_SERIES = "lacking.study_uid = series.study_uid AND lacking.series_uid = series.series_uid"
 
 
 @dataclass(frozen=True)
@@ -135,6 +142,24 @@ class Index(Database):
             *(facts.sop_uid, facts.sop_class, path, facts.sha256, facts.size, now),
             *(facts.study_uid, facts.series_uid),
         )
+        self.run(
+            "DELETE FROM lacking WHERE study_uid = ? AND series_uid = ? AND sop_uid = ?",
+            *(facts.study_uid, facts.series_uid, facts.sop_uid),
+        )
+
+    def note_lacking(self, facts: Facts, now: float) -> None:
+        """Note an instance that its series lacks, as there was no room for it."""
+        if not self.known([facts.sop_uid]):
+            self.run(
+                "INSERT OR REPLACE INTO lacking VALUES (?, ?, ?, ?)",
+                *(facts.study_uid, facts.series_uid, facts.sop_uid, now),
+            )
+
+    def lacking(self, series: int) -> int:
+        """Return how many instances a series lacks, as there was no room for them."""
+        return int(
+            self.value(f"SELECT count(*) FROM series JOIN lacking ON {OF_SERIES} WHERE series.id = ?", series)
+        )
 
     def announce(self, series_uid: str, instances: int, now: float) -> None:
         """Note how many instances a series has, whether any of it is here yet or not."""
@@ -163,7 +188,8 @@ class Index(Database):
         return self.records(
             SeriesRow,
             "FROM series WHERE complete < revision AND (instances >= expected"
-            " OR received <= CASE WHEN instances < expected THEN ? ELSE ? END)",
+            " OR received <= CASE WHEN instances < expected"
+            f" OR EXISTS (SELECT 1 FROM lacking WHERE {OF_SERIES}) THEN ? ELSE ? END)",
             missing_since,
             quiet_since,
         )

@@ -18,6 +18,7 @@ from ronnaplan.node.series import rule_for
 from ronnaplan.node.store import INSTANCES
 from ronnaplan.node.work import Order
 from ronnaplan.portable import GIVING_BACK
+from ronnaplan.text import counted
 
 ANSWERS = "answers"
 RESTART_S: Final = 1.0
@@ -217,9 +218,18 @@ class Foreman:
         if told["state"] == BROKEN:
             self._broken(job, told["reason"], now, passes=told.get("passes", False))
         else:
-            reason = "; ".join([told["reason"], *self._workers[number].left_out])
+            reason = "; ".join([told["reason"], *self._workers[number].left_out, *self._lacking(job)])
             self._end(job, DONE if told["state"] == DONE else REFUSED, reason, now)
         self._dismiss(number)
+
+    def _lacking(self, job: JobRow) -> list[str]:
+        """Say what a job's series lacks, in a sentence where that is anything."""
+        count = self._index.lacking(job.series)
+        return (
+            [f"{counted(count, 'instance')} of it did not come again, for which there was no room"]
+            if count
+            else []
+        )
 
     def _answer(self, job: JobRow, told: dict[str, Any], now: float) -> None:
         """Enter an object that is to be delivered, unless its series has changed meanwhile."""

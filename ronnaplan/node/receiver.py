@@ -196,6 +196,8 @@ class Receiver:
     def _facts(self, request: Request, spool: Spool) -> Facts:
         """Return who an instance is, once its content is on the disk; raises `RefusedInstanceError`."""
         if not self._store.has_room():
+            with suppress(InputError, OSError):  # no instance, or none that could be written at all
+                self._store.note_lacking(read_facts(spool.path, spool.sha256))
             least = self.config.limits.least_free_mib
             raise RefusedInstanceError(Status.NO_ROOM, f"less than {least} MiB are free on the disk")
         try:

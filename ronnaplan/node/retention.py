@@ -55,7 +55,7 @@ def remove_old(folder: Path, index: Index, before: float, log: Log, audit: Audit
         files += [path for (path,) in index.rows("SELECT path FROM aside WHERE received < ?", before)]
         for series in old:
             index.run("DELETE FROM series WHERE id = ?", series.id)
-        for table in ("aside", "commitments", "steps", "announced"):
+        for table in ("aside", "commitments", "steps", "announced", "lacking"):
             index.run(f"DELETE FROM {table} WHERE received < ?", before)
     for path in files:
         (folder / path).unlink(missing_ok=True)

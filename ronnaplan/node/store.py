@@ -76,6 +76,7 @@ class Store:
             (folder / name).mkdir(parents=True, exist_ok=True)
         sync_folder(folder)
         self._waiting: queue.SimpleQueue[Arrival | None] = queue.SimpleQueue()
+        self._lacking: queue.SimpleQueue[Facts] = queue.SimpleQueue()
         self._thread: threading.Thread | None = None
 
     @property
@@ -86,6 +87,10 @@ class Store:
     def has_room(self) -> bool:
         """Whether the disk has more than the least free space."""
         return shutil.disk_usage(self.folder).free > self._least_free
+
+    def note_lacking(self, facts: Facts) -> None:
+        """Have a series wait for an instance that there is no room for, and that its sender keeps."""
+        self._lacking.put(facts)
 
     def start(self) -> None:
         """Clear what a killed node left, then take arrivals in a thread of their own."""
@@ -128,7 +133,13 @@ class Store:
                     arrival.answer.set_result(taken)
                 if len(arrivals) < len(group):
                     return
+                self._enter_lacking(index, time.time())
                 self._remove_old(index, time.time())
+
+    def _enter_lacking(self, index: Index, now: float) -> None:
+        with suppress(queue.Empty, OSError, sqlite3.Error):  # of a disk so full that not even this can be noted
+            while True:
+                index.note_lacking(self._lacking.get_nowait(), now)
 
     def _remove_old(self, index: Index, now: float) -> None:
         if not now < self._retention_due <= now + RETENTION_S:  # later than that by a clock that was ahead

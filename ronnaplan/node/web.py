@@ -83,7 +83,9 @@ def is_unacceptable(error: Exception) -> bool:
     """Whether an archive may give in its own transfer syntax what it did not give as it is stored."""
     from requests import HTTPError
 
-    return isinstance(error, HTTPError) and error.response is not None and error.response.status_code in UNACCEPTABLE
+    return (
+        isinstance(error, HTTPError) and error.response is not None and error.response.status_code in UNACCEPTABLE
+    )
 
 
 def refusals(error: Exception) -> Dataset | None:

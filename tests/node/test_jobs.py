@@ -94,6 +94,7 @@ def test_files_that_are_no_answers_are_removed_at_the_start_and_with_their_job(
 def test_no_job_keeps_another_one_waiting_and_each_ends_as_it_should(index: Index, tmp_path: Path) -> None:
     for uid in ("1.4.1", "1.4.2", "1.4.3", "1.4.4", "1.4.0"):
         job(index, uid)
+    index.note_lacking(facts(7, series_uid="1.4.0"), 0.0)
     said = io.StringIO()
     limits = {"attempts": 2, "retry_s": 0.1, "seconds": 2.0, "workers": 1, "memory_mib": 256}
     rule = {"name": "all", "receivers": ["pacs"]}
@@ -111,7 +112,8 @@ def test_no_job_keeps_another_one_waiting_and_each_ends_as_it_should(index: Inde
     assert "took longer than 2 s" in reasons["1.4.1"]
     assert "ended with status 7" in reasons["1.4.2"]
     assert reasons["1.4.4"] == "no marker"
-    assert reasons["1.4.0"] == "6 markers; no pdf: no browser"
+    lacks = "1 instance of it did not come again, for which there was no room"
+    assert reasons["1.4.0"] == f"6 markers; no pdf: no browser; {lacks}"
     assert index.rows("SELECT kind, receiver, state FROM answers JOIN deliveries ON answer = sop_uid") == [
         ("sr", "pacs", "waiting")
     ]

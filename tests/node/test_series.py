@@ -67,6 +67,22 @@ def test_a_quiet_time_completes_a_series_once_and_late_slices_open_it_again(inde
     assert jobs(index) == [(3, "waiting"), (4, "waiting")]
 
 
+def test_a_series_waits_for_instances_that_there_was_no_room_for(index: Index, tmp_path: Path) -> None:
+    watched = watch(index, tmp_path, missing_s=60.0)
+    add(index, 0, 100.0)
+    index.note_lacking(facts(1), 101.0)
+    index.note_lacking(facts(0), 101.0)  # is here
+    index.note_lacking(facts(2, series_uid="1.5"), 101.0)
+    watched.tick(159.0)
+    assert (jobs(index), index.lacking(1)) == ([], 1)
+    watched.tick(160.1)
+    assert jobs(index) == [(1, "waiting")]
+    add(index, 1, 170.0)
+    assert index.lacking(1) == 0
+    watched.tick(180.1)
+    assert jobs(index) == [(1, "waiting"), (2, "waiting")]
+
+
 def test_a_time_in_which_nobody_could_send_is_no_quiet_one(index: Index, tmp_path: Path) -> None:
     watched = watch(index, tmp_path)
     add(index, 0, 100.0)

@@ -95,6 +95,7 @@ def test_with_too_little_room_on_the_disk_the_sender_keeps_its_instance(tmp_path
         assert node.files() == []
         assert not list((node.folder / "incoming").iterdir())
         assert node.events("refused")[0]["status"] == "A700"
+        until(lambda: node.rows("SELECT sop_uid FROM lacking") == [(str(makers.dataset(0).SOPInstanceUID),)])
 
 
 FULL = OSError(errno.ENOSPC, "No space left on device")
