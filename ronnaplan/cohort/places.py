@@ -24,6 +24,8 @@ LIMITS: Final = replace(DEFAULT_LIMITS, files=10**10)
 _NOT_FOUND: Final = (404, 410)
 """Statuses by which a web server says that it has no such file, or no longer."""
 
+NAMELESS: Final = "no library lists objects with two slashes together in their names; give them other names"
+
 _KEPT_BYTES: Final = {0xDC80 + n: 0xF780 + n for n in range(128)}
 _DISK_BYTES: Final = {kept: byte for byte, kept in _KEPT_BYTES.items()}
 
@@ -238,6 +240,7 @@ class Place:
                 whole = info["name"].rstrip("/")
                 name, is_folder = whole.rpartition("/")[2], info["type"] == "directory"
                 if whole == folder or (is_folder and is_system_folder(name)):
+                    skipped += _nameless(info, folder)
                     continue  # stores have empty objects that stand for folders
                 if is_folder:
                     pending.append(whole)
@@ -270,6 +273,13 @@ class Place:
                     f"{printable(path)} cannot be opened ({printable(error)}); see to its store"
                 ) from error
         return zip_members(Path(path), LIMITS, skipped, raw=raw, wanted=wanted)
+
+
+def _nameless(info: dict[str, Any], folder: str) -> list[Skipped]:
+    """Return what is to be told of a folder in ``folder`` whose name is empty: of objects that are called a//b."""
+    if info["type"] != "directory" or info["name"] != f"{folder}/":
+        return []
+    return [Skipped(printable(f"{folder}//"), NAMELESS, True, f"{folder}//")]
 
 
 def _stamp(info: dict[str, Any]) -> str:

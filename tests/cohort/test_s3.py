@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from urllib.request import Request, urlopen
 
 import pytest
 
@@ -43,6 +44,7 @@ def bucket(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     files.mkdir("heads")
     yield files
     s3fs.S3FileSystem.clear_instance_cache()
+    urlopen(Request(f"http://{host}:{port}/moto-api/reset", method="POST")).close()
     here.stop()
 
 
@@ -68,3 +70,13 @@ def test_a_cohort_in_a_bucket_is_worked_off_and_only_what_changed_is_read_again(
         assert (listed.files, listed.changed) == (34, 0)
         decide(index, RULES, tasks_of(RULES))
         assert index.rows("SELECT folder FROM series WHERE state = 'waiting'") == [("2026/scan",)]
+
+
+def test_objects_below_a_folder_without_a_name_are_told(tmp_path: Path, bucket: Any) -> None:
+    for name in ("", "a/1.txt", "b//2.txt"):  # the first stands for the folder
+        bucket.call_s3("put_object", Bucket="heads", Key=f"lab/{name}", Body=b"no scan")
+    with Index(tmp_path) as index:
+        listed = bring_up_to_date(index, [ROOT])
+        (told,) = listed.skipped
+    assert told.startswith("heads/lab/b//: ")
+    assert "two slashes" in told
