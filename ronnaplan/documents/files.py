@@ -23,6 +23,8 @@ from ronnaplan.untrusted import parse_json, read_whole
 
 Document = TypeVar("Document")
 
+DICOM_PREAMBLE_BYTES = 128
+
 MAX_DOCUMENT_BYTES = 16 * 2**20
 """Documents are a few kilobytes; a larger file is something else."""
 
@@ -239,6 +241,11 @@ def write_result(path: str | None, text: str) -> None:
 def read_json(path: str | os.PathLike[str]) -> Any:
     """Parse the JSON file at ``path``; raises `InputError` when it is missing, too large or not JSON by the letter."""
     content = read_whole(path, MAX_DOCUMENT_BYTES, expected="a JSON document")
+    if content.startswith(b"DICM", DICOM_PREAMBLE_BYTES):  # the node's answers, say
+        raise InputError(
+            f"{os.fspath(path)} is a DICOM object, not a JSON document; give the file that `ronnaplan localize`, "
+            "`register` or another command wrote with -o"
+        )
     try:
         return parse_json(content)
     except ValueError as error:

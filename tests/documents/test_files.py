@@ -249,3 +249,10 @@ def test_a_file_where_a_folder_is_meant_is_told_as_such(tmp_path: Path) -> None:
     (tmp_path / "results").write_text("")
     with pytest.raises(InputError, match="results is a file; name a folder"):
         check_target(tmp_path / "results" / "fiducials.json")
+
+
+def test_a_dicom_object_is_called_so_where_a_document_is_expected(tmp_path: Path) -> None:
+    path = tmp_path / "fiducials.dcm"
+    path.write_bytes(b"\0" * 128 + b"DICM\2\0\0\0UL\4\0\xc8\0\0\0")
+    with pytest.raises(InputError, match=r"is a DICOM object, not a JSON document; give the file that"):
+        read_json(path)
