@@ -327,15 +327,23 @@ def test_no_pose_is_valid_once_the_stream_falls_behind(
     room: LiveRoom, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A slow sender's queue grows: what it tells is over by more and more, and the head may have moved since."""
-    monkeypatch.setattr(openigtlink, "SILENCE_S", 0.4)
+    monkeypatch.setattr(openigtlink, "SILENCE_S", 1.2)
+    lines = tmp_path / "live.jsonl"
 
     def send(listener: socket.socket) -> None:
         connection, _ = listener.accept()
         with connection:
-            for frame in range(40):
-                for message in room.messages(1e9 + frame / RATE_HZ):
+            stated_s = 1e9
+            while not (lines.exists() and lines.read_text()):  # a crowded machine may take seconds to look
+                stated_s += 0.5  # sooner than it says, so that none of these is late
+                for message in room.messages(stated_s):
                     connection.sendall(message)
-                time.sleep(0.0 if frame < 20 else 2.5 / RATE_HZ)
+                time.sleep(1.0 / RATE_HZ)
+            for _ in range(20):
+                stated_s += 1.0 / RATE_HZ
+                for message in room.messages(stated_s):
+                    connection.sendall(message)
+                time.sleep(3.0 / RATE_HZ)
 
     _, out = watched(room, tmp_path, send, "--every=0.1", "--seconds=30")
     rows = [json.loads(line) for line in out.read_text().splitlines()]
