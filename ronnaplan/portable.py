@@ -64,9 +64,10 @@ def kill_all(process: Killed) -> None:
     begun = _begun_by(process.pid)
     with suppress(ProcessLookupError):
         process.kill()
-    for number in begun:
-        with suppress(ProcessLookupError):
-            os.kill(number, signal.SIGKILL)
+    if sys.platform != "win32":
+        for number in begun:
+            with suppress(ProcessLookupError):
+                os.kill(number, signal.SIGKILL)
 
 
 def _begun_by(parent: int) -> list[int]:
