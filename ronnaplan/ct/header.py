@@ -112,8 +112,13 @@ def _of_no_image(buffer: bytes, size: int, limits: Limits) -> Header:
     raise DamagedError("its header is too long")
 
 
+def is_marked(content: bytes) -> bool:
+    """Whether the ``content`` of a file, or its beginning, says that it is a DICOM file (PS3.10, section 7.1)."""
+    return content[_PREAMBLE_BYTES:_META_START] == b"DICM"
+
+
 def _parse(buffer: bytes, size: int, limits: Limits, last: int = _LAST_TAG) -> Header:
-    if buffer[_PREAMBLE_BYTES:_META_START] == b"DICM":
+    if is_marked(buffer):
         start = _META_START
     elif _looks_like_bare_dataset(buffer):
         start = 0

@@ -17,13 +17,12 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar
 
+from ronnaplan.ct.header import is_marked
 from ronnaplan.errors import NO_ROOM, InputError, UnwrittenError, UsageError
 from ronnaplan.portable import keep_access, replace, sync, sync_folder
 from ronnaplan.untrusted import parse_json, read_whole
 
 Document = TypeVar("Document")
-
-DICOM_PREAMBLE_BYTES = 128
 
 MAX_DOCUMENT_BYTES = 16 * 2**20
 """Documents are a few kilobytes; a larger file is something else."""
@@ -241,7 +240,7 @@ def write_result(path: str | None, text: str) -> None:
 def read_json(path: str | os.PathLike[str]) -> Any:
     """Parse the JSON file at ``path``; raises `InputError` when it is missing, too large or not JSON by the letter."""
     content = read_whole(path, MAX_DOCUMENT_BYTES, expected="a JSON document")
-    if content.startswith(b"DICM", DICOM_PREAMBLE_BYTES):  # the node's answers, say
+    if is_marked(content):  # the node's answers, say
         raise InputError(
             f"{os.fspath(path)} is a DICOM object, not a JSON document; give the file that `ronnaplan localize`, "
             "`register` or another command wrote with -o"

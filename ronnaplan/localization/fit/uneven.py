@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ronnaplan.geometry import FloatArray
 from ronnaplan.localization.fit.algebra import inverse
 from ronnaplan.localization.fit.ball_fit import BallFit, covariance_by
-from ronnaplan.localization.fit.depth import SURFACE_BLURS, edge_depth
+from ronnaplan.localization.fit.depth import deep_inside, edge_depth
 from ronnaplan.localization.fit.parameters import CENTER, CONTRAST, RADIUS, WIDTH
 from ronnaplan.localization.fit.residuals import ALIKE_VOXELS
 
@@ -74,8 +74,7 @@ def uneven_hu(fit: BallFit) -> FloatArray | None:
 
 def _is_even_deep_inside(fit: BallFit, within: NDArray[np.intp], slopes_hu: FloatArray) -> bool:
     """Whether the voxels that no edge reaches contradict ``slopes_hu`` (2,), HU/mm along the axes ``within`` slices."""
-    depth_mm, blur_mm = edge_depth(fit.neighbourhood.offsets_mm, fit.theta)
-    deep = np.flatnonzero(fit.used & (depth_mm < -SURFACE_BLURS * blur_mm))
+    deep = np.flatnonzero(fit.used & deep_inside(*edge_depth(fit.neighbourhood.offsets_mm, fit.theta)))
     if len(deep) < LEAST_DEEP:
         return False
     offsets_mm = fit.neighbourhood.offsets_mm.take(deep, axis=0) - fit.theta[CENTER]
