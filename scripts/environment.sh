@@ -20,11 +20,13 @@ install_venv_module() {  # Debian ships python3 without ensurepip; the package p
 install_locked() {  # pip tells nothing or too much: show how many packages of how many it has come to
     local total
     total=$(grep -o '^[a-zA-Z0-9_.-]*==' "$lock" | sort -u | wc -l)
-    "$PYTHON" -m pip install --disable-pip-version-check --progress-bar off --require-hashes -r "$lock" \
+    "$PYTHON" -m pip install --disable-pip-version-check --progress-bar off --no-compile --require-hashes -r "$lock" \
         | awk -v total="$total" -v shown="$([ -t 2 ] && echo yes)" '
             /^Collecting/ { count++; if (shown) printf "\r\033[K  %d of at most %d: %s", count, total, $2 }
             /^Installing/ { if (shown) printf "\r\033[K"; printf "  installing %d packages ...\n", count }' >&2
     "$PYTHON" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+    # pip would compile on one core, for half of its time; what is no Python of this version, as templates are, stays.
+    "$PYTHON" -m compileall -qq -j 0 .venv/lib || true
 }
 
 PATH=${PATH//"$root/.venv/bin:"/}  # an activated .venv must not be asked to make itself anew

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import io
+import signal
+from collections.abc import Callable
+from contextlib import redirect_stderr
 from typing import TYPE_CHECKING
 
 from ronnaplan.cli.output import tell
@@ -23,38 +27,62 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Localize and pair the markers of a small scan that is made for this; refused where that would be lost."""
+    """Do each of the `PARTS` in a process of its own, at once; refused where what they compile would be lost."""
+    import multiprocessing
+
     from kernelcache import homeless
-    from ronnaplan.correspondence import describe_layout, match_points
     from ronnaplan.errors import InputError
-    from ronnaplan.localization import common_diameter, localize
-    from ronnaplan.localization.fit.skin import share_on_skin
+    from ronnaplan.localization import localize  # noqa: F401  # its kernels tell whether they can be kept
 
     if homeless:
         raise InputError(
             "what is compiled cannot be kept; name a folder that may be written to by NUMBA_CACHE_DIR"
         )
+    tell("compiling the inner loops, once for this version and machine: some minutes of a processor ...")
+    context = multiprocessing.get_context("spawn")
+    processes = [context.Process(target=compile_in, args=(part,), daemon=True) for part in PARTS]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join()
+    failed = [part for part, process in zip(PARTS, processes, strict=True) if process.exitcode]
+    if failed:
+        raise InputError(
+            f"what compiles ended amid it ({', '.join(one.__name__ for one in failed)}); "
+            "each takes up to 1 GB of memory: make room, and call `ronnaplan prepare` again, which goes on from there"
+        )
+    tell("done: localize, register, robot place and relocate start without compiling")
+    return 0
+
+
+def compile_in(part: Callable[[], None]) -> None:
+    """Do a ``part`` in this process, which its parent ends; that has told for all of them what is waited for."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with redirect_stderr(io.StringIO()):
+        part()
+
+
+def localize_markers() -> None:
+    """Localize the markers of small scans that are made for this."""
+    from ronnaplan.localization import common_diameter, localize
+    from ronnaplan.localization.fit.skin import share_on_skin
+
     for scan in made_scans():
         common_diameter(scan)
         found = localize(scan, diameter_mm=DIAMETER_MM, expected=len(MARKERS_MM))
     # What is held by more than a post, as nothing here is, is asked whether it lies on skin.
     share_on_skin(next(iter(found)).parameters, 1000.0)
-    describe_layout(NEARLY_A_SQUARE_MM).refusal_probability()
-    both = found.centers, found.centers[::-1].copy()
-    match_points(*both, covariances_ct_mm2=found.covariances, covariances_ots_mm2=found.covariances)
-    pair_many()
-    place_robot()
-    see_sphere()
-    tell("done: localize, register, robot place and relocate start without compiling")
-    return 0
 
 
-def pair_many() -> None:
-    """Pair more points than are listed in every order: of some orders fit alike, of others one, or two bodies do."""
+def pair_markers() -> None:
+    """Pair few points, and more than are listed in every order: of these some fit alike, or one, or two bodies."""
     import numpy as np
 
-    from ronnaplan.correspondence import match_points
+    from ronnaplan.correspondence import describe_layout, match_points
 
+    describe_layout(NEARLY_A_SQUARE_MM).refusal_probability()
+    few, covariances_mm2 = np.array(MARKERS_MM), np.array([0.01 * np.eye(3)] * len(MARKERS_MM))
+    match_points(few, few[::-1].copy(), covariances_ct_mm2=covariances_mm2, covariances_ots_mm2=covariances_mm2)
     lattice = 20.0 * np.indices((3, 3, 2)).reshape(3, -1).T
     uneven = lattice + np.random.default_rng(0).normal(0.0, 8.0, lattice.shape)
     half_moved = uneven + 30.0 * (lattice[:, 2:] > 0.0)
@@ -141,3 +169,7 @@ def made_scans() -> tuple[CTVolume, CTVolume]:
     affine[2, 0], affine[1, 1], affine[0, 2], affine[3, 3] = *spacing_mm, 1.0
     whole = np.round(blurred).astype(np.int16)
     return CTVolume.from_array(blurred, affine), CTVolume.from_array(whole, affine)
+
+
+PARTS = (localize_markers, place_robot, pair_markers, see_sphere)
+"""What is compiled at once, by who shares hardly a loop; the longest first."""

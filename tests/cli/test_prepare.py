@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -84,13 +85,13 @@ class Step(NamedTuple):
 
 @pytest.fixture(scope="module")
 def steps(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Step]:
-    """`ronnaplan prepare`, and what follows in the same process."""
+    """The parts of `ronnaplan prepare`, and what follows in the same process."""
     folder = tmp_path_factory.mktemp("prepared")
     found, fractions = str(folder / "fiducials.json"), str(folder / "fractions.nrrd")
     scan = sitk.ReadImage([str(path) for path in sorted((ROOT / "data/synthetic_ct").glob("*.dcm"))])
     sitk.WriteImage(sitk.Cast(scan, sitk.sitkFloat32)[:, :, 55:95] + 0.25, fractions)  # four of the markers
     asked = {
-        "prepare": ["prepare"],
+        "prepare": "from ronnaplan.cli.prepare import PARTS\nfor part in PARTS: part()",
         "localize": ["localize", "data/synthetic_ct", "--diameter", "auto", "-o", found],
         "register": ["register", found, "data/synthetic_ct/readings.csv", "-o", str(folder / "registration.json")],
         "fractions": ["localize", fractions, "--diameter", "auto", "-o", str(folder / "fractions.json")],
@@ -110,7 +111,7 @@ def compiled_by(steps: dict[str, Step], name: str) -> dict[str, list[str]]:
 
 def test_after_prepare_localize_and_register_compile_nothing_and_import_little(steps: dict[str, Step]) -> None:
     """Of whatever size the markers are, in fractions of HU, too, and however alike the orders that they fit in."""
-    assert [steps[name].status for name in ("prepare", "localize", "register", "fractions")] == [0, 0, 0, 0]
+    assert [steps[name].status for name in ("localize", "register", "fractions")] == [0, 0, 0]
     assert sum(map(len, steps["prepare"].compiled.values())) > 10
     for name in ("localize", "register", "fractions", "layout"):
         assert compiled_by(steps, name) == {}
@@ -131,6 +132,29 @@ def test_after_prepare_many_markers_a_place_and_a_sphere_are_found_without_compi
 ) -> None:
     assert compiled_by(steps, name) == {}
     assert any(kernel in one and kinds for one, kinds in steps["prepare"].compiled.items())
+
+
+def mark_as_done() -> None:
+    Path("done").touch()
+
+
+def be_killed() -> None:
+    os._exit(9)
+
+
+def test_every_part_is_done_and_one_that_is_killed_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("ronnaplan.cli.prepare.PARTS", (mark_as_done,))
+    status, _, told = run(["prepare"], capsys)
+    assert (status, Path("done").exists()) == (0, True)
+    assert "done" in told
+    Path("done").unlink()
+    monkeypatch.setattr("ronnaplan.cli.prepare.PARTS", (be_killed, mark_as_done))
+    status, _, told = run(["prepare"], capsys)
+    assert (status, Path("done").exists()) == (1, True)
+    assert "(be_killed)" in told
 
 
 def test_what_cannot_be_kept_is_not_prepared(
