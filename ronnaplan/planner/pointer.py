@@ -178,10 +178,10 @@ class Pointer:
         self._tapped = None
         at = self._turned[0] if whole and self._turned and self._clicked else None
         held, in_cut = self._held, self._in_cut
-        if held is not None:
-            self.state.case.end_drag()
         self._plane = self._held = self._panned_from = self._windowed_from = None
         self._turned = []
+        if held is not None:
+            self.state.case.end_drag()
         if at is not None and held is not None and not in_cut:
             self.state.look.jump(getattr(self.state.case.plan.trajectory(held[0]), f"{held[1]}_mm"))
         elif at is not None and held is None and self.head is not None:

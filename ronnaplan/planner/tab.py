@@ -127,7 +127,7 @@ class Tab:
             with contextlib.suppress(RonnaplanError):
                 self.state.look.keep()
         with contextlib.suppress(RonnaplanError):  # an end in air goes back; nobody is there to be told
-            self.pointer.release()
+            self.pointer.release(whole=False)
         self.state.look.leave()
 
     # --- what the page asks for ------------------------------------------------------------------------------
@@ -140,8 +140,8 @@ class Tab:
             before = self.state.case.plan
             if scrolls:
                 self.painter.move()
-            elif name != "release":
-                self._let_go_elsewhere()
+            elif not (name == "release" and self.pointer.holding):
+                self._let_go()
             with self.told(keep_message):
                 action(*arguments)
             self._keep_soon()
@@ -216,10 +216,12 @@ class Tab:
         """Try no longer to make a change that could not be written."""
         self.state.case.unwritten.give_up()
 
-    def _let_go_elsewhere(self) -> None:
-        """End what another page drags, before this one changes something; its next move begins anew."""
-        if self.state.case.dragging and not self.pointer.holding:
-            with contextlib.suppress(RonnaplanError):  # the end goes back, which that page sees
+    def _let_go(self) -> None:
+        """End what is dragged before something is changed: here for good, on another page until its next move."""
+        if self.state.case.dragging:
+            with contextlib.suppress(RonnaplanError):  # an end in air goes back, which is seen
+                if self.pointer.holding:
+                    self.pointer.release(whole=False)
                 self.state.case.end_drag()
 
     def _hover(self, view: str, x: Pixels, y: Pixels, width: Pixels, height: Pixels) -> None:

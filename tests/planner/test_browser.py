@@ -28,6 +28,7 @@ from tests.planner.browser import (
     planner,
     settled,
     value,
+    wait_until_whole,
     with_head,
 )
 
@@ -163,6 +164,20 @@ def test_a_trajectory_is_added_by_two_clicks_dragged_and_undone(browser: Any, ke
     assert settled(page, folder, "T1", "target", dragged) == pytest.approx(added)
     page.keyboard.press("Control+y")
     assert settled(page, folder, "T1", "target", added) == pytest.approx(dragged)
+
+
+def test_an_end_is_kept_whose_finger_the_system_takes_away(running_browser: Any, kept: Planner) -> None:
+    context = running_browser.new_context(viewport={"width": 1280, "height": 800}, has_touch=True)
+    page = context.new_page()
+    page.goto(kept.url)
+    wait_until_whole(page)
+    before, (x, y) = fields(page, "target"), last_target(page, "axial")
+    session = context.new_cdp_session(page)
+    for kind, at in (("Start", [0]), *(("Move", [step]) for step in (10, 20, 30)), ("Cancel", [])):
+        touched = {"type": f"touch{kind}", "touchPoints": [{"x": x + way, "y": y} for way in at]}
+        session.send("Input.dispatchTouchEvent", touched)
+    settled(page, kept.folder, value(page, "chosen")["name"], "target", before)
+    context.close()
 
 
 def test_what_was_done_is_found_again_after_reload_and_after_a_crash(

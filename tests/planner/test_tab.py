@@ -109,6 +109,57 @@ def test_a_drag_of_one_page_is_let_go_before_another_page_changes_something(stat
     run(use())
 
 
+def test_an_end_whose_release_never_came_is_kept_before_anything_else_is_done(state: PlannerState) -> None:
+    """As where the system takes a finger away, or a key is pressed meanwhile; what that did is not undone by moves."""
+
+    async def use() -> None:
+        tab = Tab(state)
+        tab.refresh()
+        tab.state.show_path("left")
+        target = state.case.plan.trajectory("left").target_mm
+        for way, again in ((3.0, target + X * 3), (5.0, target - X * 40)):  # pressed again: it, and nothing
+            held = state.case.plan.trajectory("left").target_mm
+            await tab.answer("press", ("axial", *over(tab, held), 0, False))
+            await tab.answer("move", ("axial", *over(tab, target + X * way)))
+            await tab.answer("press", ("axial", *over(tab, again), 0, False))
+            await tab.answer("release", ("axial",))
+            assert not state.case.dragging
+            kept = reopened(state).case.plan.trajectory("left")
+            assert kept.target_mm[0] == pytest.approx(target[0] + way, abs=0.01)
+        for name, given in (("rename_path", ("left", "right")), ("key", ("delete",))):
+            path = state.case.plan.trajectories[0]
+            await tab.answer("press", ("axial", *over(tab, path.target_mm), 0, False))
+            await tab.answer("move", ("axial", *over(tab, path.target_mm + X * 6)))
+            await tab.answer(name, given)
+            await tab.answer("move", ("axial", *over(tab, path.target_mm + X * 8)))
+            await tab.answer("release", ("axial",))
+            assert [one.name for one in reopened(state).case.plan] == ["right"][: name == "rename_path"]
+        assert state.case.plan.revision == reopened(state).case.plan.revision
+
+    run(use())
+
+
+def test_a_tap_adds_a_trajectory_while_another_page_drags(state: PlannerState) -> None:
+    async def use() -> None:
+        here, there = (Tab(state.beside(), lambda _: None) for _ in range(2))
+        for tab in (here, there):
+            tab.refresh()
+            tab.state.show_path("left")
+        target = state.case.plan.trajectory("left").target_mm
+        there.state.look.begun_mm, there.pointer.adding = cases.ENTRY_MM + X * 4, True
+        await there.answer("press", ("axial", *over(there, target + X * 20), 0, False, False, False, True))
+        await here.answer("press", ("axial", *over(here, target), 0, False))
+        await here.answer("move", ("axial", *over(here, target + X * 4)))
+        await there.answer("release", ("axial",))
+        await here.answer("move", ("axial", *over(here, target + X * 5)))
+        await here.answer("release", ("axial",))
+        first, second = reopened(state).case.plan
+        assert first.target_mm[0] == pytest.approx(target[0] + 5.0, abs=0.01)
+        assert second.name == "T1"
+
+    run(use())
+
+
 def test_a_page_that_is_closed_lets_go_and_is_told_of_the_plan_no_more(state: PlannerState) -> None:
     drawn: list[bool] = []
     app: Any = SimpleNamespace(tabs={}, state=state, refresh=lambda: drawn.append(state.case.dragging))

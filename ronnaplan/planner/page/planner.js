@@ -140,8 +140,6 @@
     if (!fingers.size) two = null;
     return held !== null;
   }
-  window.addEventListener("pointercancel", lifted);
-
   window.addEventListener("pointerdown", (event) => {
     dropped = false;
     const view = viewOf(event);
@@ -161,11 +159,12 @@
     if (view) keyed = null;
     if (view) tell(event.buttons ? "move" : "hover", [view.dataset.view, ...place(view, event)]);
   });
-  window.addEventListener("pointerup", (event) => {
-    if (lifted(event)) return;
-    const view = viewOf(event);
-    if (view) tell("release", [view.dataset.view]);
-  });
+  // A finger that the system takes away, for a gesture of its own or as a palm, clicks nothing.
+  function letGo(event) {
+    const view = !lifted(event) && viewOf(event);
+    if (view) tell("release", [view.dataset.view, event.type === "pointerup"]);
+  }
+  for (const name of ["pointerup", "pointercancel"]) window.addEventListener(name, letGo);
   window.addEventListener("contextmenu", (event) => viewOf(event) && event.preventDefault());
   // A notch of a mouse is a step; what a trackpad sends in many small pieces is summed up until it makes one.
   const NOTCH = 100, PIECE = 50, UNITS = [1, 33, 400];
