@@ -71,19 +71,22 @@ def _contacts(one: Trajectory, cut: Cut) -> list[dict[str, Any]]:
 def _ticks(one: Trajectory, cut: Cut, pane: Pane) -> list[dict[str, Any]]:
     """Return a mark across the path every `TICK_MM` from the target outwards, where the path lies in the plane.
 
+    Only marks that the pane shows, and that are a pixel or more apart: a file may hold one of hundreds of metres.
     Depths stand to the left of a path upwards, for names stand to the right, and below one across.
     """
-    if abs(one.inward @ cut.away) > IN_PLANE:
+    pixel = pane.pixel(cut.field_mm / 2)
+    if abs(one.inward @ cut.away) > IN_PLANE or pixel > TICK_MM:
         return []
     along = cut.on_screen_mm(cut.center_mm + one.inward)[:2]
     side = TICK_HALF_MM * np.array([-along[1], along[0]])
-    pixel = pane.pixel(cut.field_mm / 2)
     across = bool(abs(along[0]) > abs(along[1]))
     room = pixel * (NUMBER_PIXELS if across else LINE_PIXELS)
     told = next((mm for mm in TOLD_MM if mm >= room), TOLD_MM[-1])
     away = pixel * np.array([0.0, LINE_PIXELS] if across else [-BESIDE_PIXELS, BESIDE_PIXELS])
+    middle_mm, reach_mm = (one.target_mm - cut.center_mm) @ one.inward, cut.field_mm / 2 * np.hypot(*pane.halves)
+    depths = np.arange(TICK_MM, one.length_mm, TICK_MM)
     marks = []
-    for depth in np.arange(TICK_MM, one.length_mm, TICK_MM):
+    for depth in depths[np.abs(depths - middle_mm) < reach_mm]:
         middle = cut.on_screen_mm(one.target_mm - depth * one.inward)[:2]
         labelled = round(depth) % told == 0
         ends = sorted(

@@ -59,7 +59,7 @@ class Look(DocumentModel):
     shown_as: Line = "skin"
     """A surface, or as what the scan is drawn whole."""
     selected: Line | None = None
-    points: dict[str, Vector] = Field(default_factory=dict)
+    points: dict[Annotated[str, Field(pattern="^(AC|PC|midline)$")], Vector] = Field(default_factory=dict)
     """AC, PC or midline point as far as they are set, until the plan holds all three."""
     images: dict[str, PlacedImage] = Field(default_factory=dict)
     """Other images that were registered, by the SHA-256 of their voxels and of where they lie."""

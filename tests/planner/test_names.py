@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ronnaplan.documents.plan import write_plan
 from ronnaplan.planner.over_cut import over_cut
 from ronnaplan.planner.panes import TITLE_EM, Pane
 from ronnaplan.planner.state import PlannerState
@@ -84,6 +85,19 @@ def test_depths_are_told_as_often_as_there_is_room(state: PlannerState) -> None:
     wide, narrow = told(state, "axial", 1000.0), told(state, "axial", 250.0)
     assert [one["label"] for one in wide] == ["10", "20", "30", "40", "50"]
     assert [one["label"] for one in narrow] == ["50"]
+
+
+def test_a_path_of_hundreds_of_metres_has_no_more_depths_than_are_seen(state: PlannerState) -> None:
+    """As a file may hold: all of them took the page half a minute."""
+    lie_across(state)
+    plan = state.case.plan.edit("left", entry_mm=cases.TARGET_MM + np.array([90_000.0, 0.0, 0.0]))
+    write_plan(state.storage.plan, plan)
+    assert state.case.look_again()
+    state.look.select("left")
+    for view in ("axial", "inline"):
+        (path,) = over_cut(state, view, False, Pane())["paths"]
+        assert len(path["ticks"]) < 100, view
+    assert [one["label"] for one in told(state, "axial", 1000.0)][:5] == ["10", "20", "30", "40", "50"]
 
 
 def test_no_name_stands_on_a_depth(state: PlannerState) -> None:

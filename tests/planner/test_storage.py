@@ -10,6 +10,7 @@ from ronnaplan.documents.plan import read_plan
 from ronnaplan.errors import InputError
 from ronnaplan.planner.state import PlannerState
 from ronnaplan.planner.tab import Tab
+from tests import cases
 
 NOBODY = 65_534
 
@@ -46,3 +47,14 @@ def test_a_case_whose_folder_is_away_is_shown_on_and_goes_on_once_it_is_back(
     assert not state.case.look_again()
     state.case.edit("left", notes="mine")
     assert read_plan(state.storage.plan).trajectory("left").notes == "mine"
+
+
+def test_points_that_are_none_of_the_frame_s_are_not_taken_from_where_one_looked(state: PlannerState) -> None:
+    """As where the file was edited by hand: with a third point of any name the plan would have had its frame."""
+    state.set_landmark("AC", cases.TARGET_MM)
+    file = state.storage.look
+    file.write_text(file.read_text().replace('"AC"', '"middle"'))
+    again = PlannerState(cases.volume(), state.storage)
+    again.set_landmark("PC", cases.TARGET_MM + 20.0)
+    again.set_landmark("AC", cases.TARGET_MM - 20.0)
+    assert list(again.landmarks_mm) == ["PC", "AC"]
