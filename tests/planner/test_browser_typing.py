@@ -50,8 +50,10 @@ def test_the_focus_of_what_is_taken_away_is_its_panel_s(page: Any) -> None:
     page.keyboard.press("Escape")
     page.wait_for_timeout(300)
     assert value(page, "paths") == []
+    page.keyboard.press("Alt+d")  # the browser's own
     page.keyboard.press("Control+z")  # keys do what they do elsewhere
     page.wait_for_selector("[aria-label='remove left']")
+    assert value(page, "look")["measuring"] == 0
 
 
 @needs_browser

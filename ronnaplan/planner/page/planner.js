@@ -286,6 +286,7 @@
       help();
       return;
     }
+    if (event.altKey) return; // the browser's own, as Alt + D to its address bar
     const key = (control ? "ctrl+" : "") + (control && event.shiftKey ? "shift+" : "") + event.key.toLowerCase();
     if (!window.trame?.state?.get("keys").includes(key)) return;
     event.preventDefault();
