@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from datetime import datetime
+from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Annotated, Final
 
@@ -93,6 +93,13 @@ def _time(value: object) -> object:
     return datetime.fromisoformat(value) if isinstance(value, str) else value
 
 
+def _in_utc(time: datetime) -> datetime:
+    try:
+        return time.astimezone(UTC)
+    except OverflowError as error:
+        raise ValueError("lies before the year 1 or beyond 9999") from error
+
+
 UNIT_TOLERANCE = 1e-6
 """A direction's length is 1 to within this."""
 
@@ -106,7 +113,8 @@ EndLabel = Annotated[
 """The name of a place: it may be a trajectory's and which end of it."""
 Notes = Annotated[str, AfterValidator(_plain_notes)]
 """Text of several lines."""
-Time = Annotated[AwareDatetime, Strict(), BeforeValidator(_time)]
+Time = Annotated[AwareDatetime, Strict(), BeforeValidator(_time), AfterValidator(_in_utc)]
+"""A moment, in UTC whichever zone it was written in: it is told without one."""
 
 Coordinate = Annotated[float, Field(ge=-FARTHEST_POINT_MM, le=FARTHEST_POINT_MM)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]

@@ -23,6 +23,7 @@ from ronnaplan.errors import FrameMismatchError, InputError
 from ronnaplan.geometry import Frame
 from ronnaplan.planning import Plan
 from ronnaplan.planning.electrodes import ELECTRODES
+from ronnaplan.planning.tables import history_list
 from tests.documents.plans import CT, POINTER, UID
 
 
@@ -40,6 +41,17 @@ def test_a_plan_comes_back_as_it_was(plan: Plan, tmp_path: Path) -> None:
     ]
     assert [(one.name, one.told) for one in back.rulers] == [("D1", "5.0 mm"), ("=A1", "90.0 deg")]
     assert all(change.time.tzinfo is not None for change in back.history)
+
+
+def test_the_times_of_changes_are_listed_in_utc_whichever_zone_they_were_written_in(
+    plan: Plan, tmp_path: Path
+) -> None:
+    document = content(plan)
+    document["history"][0]["time"] = "2026-01-31T23:30:00-05:00"
+    (tmp_path / "plan.json").write_text(json.dumps(document))
+    head, first, *_ = history_list(read_plan(tmp_path / "plan.json")).splitlines()
+    assert head.startswith("time (UTC)")
+    assert first.startswith("2026-02-01 04:30:00")
 
 
 def test_electrodes_come_back_in_the_plan_and_its_table_and_their_contacts_are_told(

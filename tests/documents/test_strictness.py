@@ -272,7 +272,9 @@ def test_a_member_that_stands_twice_among_many_is_told_at_once() -> None:
     assert time.process_time() - began < 1.0
 
 
-@pytest.mark.parametrize("time", [5, "5", "1700000000", "2026-01-31", "2026-01-31T12:00:00", "yesterday"])
+@pytest.mark.parametrize(
+    "time", [5, "5", "1700000000", "2026-01-31", "2026-01-31T12:00:00", "yesterday", "0001-01-01T00:00:00+05:00"]
+)
 def test_a_time_is_written_out_with_its_zone(time: object, tmp_path: Path) -> None:
     content, reader = documents()["plan"]
     (tmp_path / "d.json").write_text(changed(content, ("history", 0, "time"), time))
