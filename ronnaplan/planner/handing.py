@@ -16,12 +16,13 @@ from urllib.parse import quote
 from aiohttp import web
 
 from ronnaplan.case.folder import FIDUCIALS, PLAN, REGISTRATION
-from ronnaplan.documents.files import write_atomically
+from ronnaplan.documents.files import MAX_DOCUMENT_BYTES, write_atomically
 from ronnaplan.errors import RonnaplanError, UsageError, wants_room
 from ronnaplan.pipes import environment
 from ronnaplan.planner.storage import Storage
 from ronnaplan.portable import kill_all
 from ronnaplan.text import printable
+from ronnaplan.untrusted import read_whole
 
 MOST_READINGS_BYTES: Final = 16 * 2**20
 """A recording of minutes has less."""
@@ -91,14 +92,17 @@ class Handing:
     async def _download(self, request: web.Request) -> web.StreamResponse:
         name = request.match_info["name"]
         files = self._storage.found
-        if name in MADE and self._origin is not None:
-            content = await _while_awaited(request, self._made(name, self._origin))
-        elif name in EXPORTED and EXPORTED[name][0] in files:
-            content = await _while_awaited(request, self._run_on_copies(name, EXPORTED[name][1]))
-        elif name in files:
-            content = files[name].read_bytes()
-        else:
-            raise web.HTTPNotFound(text=f"the case holds no {printable(name, 40)} yet")
+        try:
+            if name in MADE and self._origin is not None:
+                content = await _while_awaited(request, self._made(name, self._origin))
+            elif name in EXPORTED and EXPORTED[name][0] in files:
+                content = await _while_awaited(request, self._run_on_copies(name, EXPORTED[name][1]))
+            elif name in files:
+                content = read_whole(files[name], MAX_DOCUMENT_BYTES, expected="a document of the case")
+            else:
+                raise web.HTTPNotFound(text=f"the case holds no {printable(name, 40)} yet")
+        except RonnaplanError as error:
+            raise web.HTTPUnprocessableEntity(text=str(error)) from error
         kind = {"html": "text/html", "json": "application/json", "pdf": "application/pdf"}
         return web.Response(
             body=content,
@@ -133,10 +137,7 @@ class Handing:
 
     async def _run_on_copies(self, name: str, command: tuple[str, ...]) -> bytes:
         """Return what a command makes of the case's documents: of copies, which do not change meanwhile."""
-        try:
-            self._require_files()
-        except RonnaplanError as error:
-            raise web.HTTPUnprocessableEntity(text=str(error)) from error
+        self._require_files()
         try:
             async with self._making:
                 with tempfile.TemporaryDirectory() as folder:

@@ -214,6 +214,26 @@ def test_what_the_system_refuses_is_told_and_the_server_does_not_fail(
     run(asked())
 
 
+def test_a_document_that_cannot_be_read_is_told_and_the_server_does_not_fail(
+    storage: Storage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on a disk that fails, or where another program took it away just now."""
+
+    def refusing(*_: object, **__: object) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    async def asked() -> None:
+        application = web.Application()
+        application.add_routes(Handing(storage, None, lambda: None, lambda: None).routes())
+        async with TestClient(TestServer(application)) as client:
+            monkeypatch.setattr(Path, "open", refusing)
+            refused = await client.get("/download/plan.json")
+            assert refused.status == HTTPStatus.UNPROCESSABLE_ENTITY
+            assert "plan.json cannot be read: Input/output error" in await refused.text()
+
+    run(asked())
+
+
 def test_what_other_programs_take_is_what_the_command_line_writes_of_each_document(tmp_path: Path) -> None:
     """Every file that is offered is made, by the verb's own run, and none of a document that there is not."""
     cases.write_case(tmp_path)
