@@ -5,6 +5,10 @@ normal, by their profile, and by the kernel across it. No header says where that
 than the slices' is seen in each ball: to first order it adds the image's second derivatives (the equation of heat).
 Where three balls and more agree, they are fitted anew with w along that direction: then the model is again the one of
 the scan that was made.
+
+Old slices blur all balls of a scan along one direction. A gantry that turns while it looks blurs each across the line
+to its axis, which a sharp kernel shows in balls far from it; of many balls around a head some lie in the same direction
+from the axis. So no direction is believed that half of the balls or more do not show.
 """
 
 from __future__ import annotations
@@ -66,6 +70,8 @@ def slant_seen(
     these misfit less.
     """
     before = balls = agreeing(examined)
+    if not _are_most(balls, examined):
+        return None
     found, w = None, axes[2]
     for _ in range(MAX_TURNS):
         slant = slant_of(balls, w)
@@ -78,7 +84,7 @@ def slant_seen(
 
 def agreeing(examined: Iterable[Examined]) -> list[Examined]:
     """Return the largest set of balls whose blurs are longest in one direction."""
-    balls = distinct(one for one in examined if np.isfinite(one.blur_mm2).all())
+    balls = _with_blur(examined)
     if not balls:
         return []
     directions = np.array([longest_axis(one.blur_mm2) for one in balls])
@@ -114,16 +120,26 @@ def longest_axis(blur_mm2: FloatArray) -> FloatArray:
     return axis
 
 
+def _with_blur(examined: Iterable[Examined]) -> list[Examined]:
+    """One candidate a place, of those whose blur is known."""
+    return distinct(one for one in examined if np.isfinite(one.blur_mm2).all())
+
+
+def _are_most(balls: Sequence[Examined], examined: Iterable[Examined]) -> bool:
+    """Whether ``balls`` are more than the other balls of the stated size whose blur is known."""
+    agree = {id(one) for one in balls}
+    others = (one for one in _with_blur(examined) if id(one) not in agree and _is_as_stated(one))
+    return len(balls) > sum(1 for _ in others)
+
+
+def _is_as_stated(one: Examined) -> bool:
+    """Whether this is a ball of the stated size, but for what the profile of other slices may make of it."""
+    return one.failed <= EXCUSED and abs(one.excess_mm) <= RESIZED_SHARE * one.stated_mm + RESIZED_MM
+
+
 def _is_better(balls: Sequence[Examined], before: Sequence[Examined]) -> bool:
     """Whether more balls of the stated size are seen than ``before``, or as many that misfit less."""
-    now, then = (
-        [
-            one.misfit
-            for one in seen
-            if one.failed <= EXCUSED and abs(one.excess_mm) <= RESIZED_SHARE * one.stated_mm + RESIZED_MM
-        ]
-        for seen in (balls, before)
-    )
+    now, then = ([one.misfit for one in seen if _is_as_stated(one)] for seen in (balls, before))
     if len(now) < LEAST_TOGETHER or len(now) < len(then):
         return False
     return len(now) > len(then) or float(np.median(now)) <= BETTER * float(np.median(then))

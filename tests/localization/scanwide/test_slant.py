@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter1d, map_coordinates
+from scipy.ndimage import gaussian_filter1d, map_coordinates, rotate
 from scipy.spatial.transform import Rotation
 
 from phantoms.scene import Part, Scene
@@ -15,7 +15,7 @@ from ronnaplan.ct import CTVolume, SliceGrid
 from ronnaplan.ct.volume import VolumeFlag
 from ronnaplan.documents.fiducials import fiducials_document
 from ronnaplan.geometry import FloatArray
-from ronnaplan.localization import Fiducials, common_diameter, localize
+from ronnaplan.localization import FiducialFlag, Fiducials, common_diameter, localize
 from ronnaplan.localization.fit.neighbourhood import axes_along, gather
 from ronnaplan.localization.scanner.summed import Summed
 from ronnaplan.report.contact import gathered
@@ -25,6 +25,8 @@ from tests.long import few_and_others
 from tests.scans import balls, scan, small_stack
 
 PLACES = [(-16.0, -6.3, -7.2), (16.4, -7.0, 5.1), (1.2, 9.5, -5.3), (0.3, -8.1, 9.2)]
+AZIMUTHS_DEG = (0.0, 12.0, 186.0, 60.0, 95.0, 130.0, 300.0)
+HEIGHTS_MM = (6.0, -6.0, 1.0, 3.0, -7.0, 5.0, 0.0)
 ALONG = np.array([0.0, 0.0, 1.0])
 """The normal of the slices that were measured."""
 
@@ -132,6 +134,27 @@ def test_a_focal_spot_that_blurs_more_in_one_direction_is_no_slant() -> None:
     smeared = gaussian_filter1d(still.voxels_hu.astype(np.float32), 0.35 / 0.5, axis=2)
     found = localize(replace(still, voxels_hu=np.round(smeared).astype(np.int16)), diameter_mm=11.5, expected=4)
     assert found.profile_axis is None
+
+
+def turned_while_it_looks(volume: CTVolume, by_deg: float) -> CTVolume:
+    """The scan, each of whose views blurs along the turn by a standard deviation of ``by_deg``, about the middle."""
+    steps = (-1.5, -0.5, 0.5, 1.5)
+    turns = [
+        rotate(volume.voxels_hu.astype(np.float32), step * by_deg / 1.12, (1, 2), reshape=False) for step in steps
+    ]
+    mean_hu: FloatArray = np.stack(turns).mean(axis=0)
+    return replace(volume, voxels_hu=np.round(mean_hu).astype(np.int16))
+
+
+def test_what_a_turning_gantry_blurs_is_no_slant_where_most_balls_lie_in_other_directions_from_its_axis() -> None:
+    """Three of seven balls lie in about one direction from it, or opposite, and are blurred alike across that."""
+    azimuths = np.radians(AZIMUTHS_DEG)
+    places = [(20.0 * np.cos(a), 20.0 * np.sin(a), z) for a, z in zip(azimuths, HEIGHTS_MM, strict=True)]
+    still = scan(balls(places, 8.0), small_stack(), blur_mm=0.3)
+    found = localize(turned_while_it_looks(still, 1.2), diameter_mm=8.0, expected=len(places))
+    assert found.profile_axis is None
+    assert VolumeFlag.REFORMATTED not in found.volume_flags
+    assert not [one for one in found if FiducialFlag.COVERED in one.flags]
 
 
 def test_a_neighbourhood_along_other_axes_holds_the_same_voxels_in_slabs(oblique: CTVolume) -> None:
