@@ -12,7 +12,8 @@ from ronnaplan.case.placed import placement_doubts
 from ronnaplan.documents.registration import LabelPair, RegistrationDocument
 from ronnaplan.geometry import FloatArray
 from ronnaplan.planner.following import told
-from ronnaplan.planner.state import LANDMARKS, PlannerState
+from ronnaplan.planner.state import PlannerState
+from ronnaplan.planner.storage import LANDMARKS
 from ronnaplan.planning.angles import acpc_from_lps
 from ronnaplan.planning.electrodes import NO_ELECTRODE
 from ronnaplan.planning.limits import Verdict, is_near

@@ -20,11 +20,9 @@ from ronnaplan.planner.offers import Offers
 from ronnaplan.planner.regions import Outlines, first_shown, joined
 from ronnaplan.planner.registering import Registering
 from ronnaplan.planner.second import Second, known_by
-from ronnaplan.planner.storage import PlacedImage, Storage
+from ronnaplan.planner.storage import LANDMARKS, PlacedImage, Storage
 from ronnaplan.planner.worker import Job, Start
 from ronnaplan.planning import Landmarks, Ruler, Trajectory
-
-LANDMARKS = ("AC", "PC", "midline")
 
 
 class PlannerState:

@@ -27,6 +27,8 @@ LAYOUTS = ("six", "four", "path", "3-D")
 """Standard cuts, head and two views of the path; the standard cuts and the head; both cuts in line with the path large;
 the head large beside the cuts."""
 
+LANDMARKS = ("AC", "PC", "midline")
+
 
 class PlacedImage(DocumentModel):
     """Where another image lies: a rigid transform from the scan to it, and how far apart two starts ended, mm.
@@ -59,7 +61,7 @@ class Look(DocumentModel):
     shown_as: Line = "skin"
     """A surface, or as what the scan is drawn whole."""
     selected: Line | None = None
-    points: dict[Annotated[str, Field(pattern="^(AC|PC|midline)$")], Vector] = Field(default_factory=dict)
+    points: dict[Annotated[str, Field(pattern=f"^({'|'.join(LANDMARKS)})$")], Vector] = Field(default_factory=dict)
     """AC, PC or midline point as far as they are set, until the plan holds all three."""
     images: dict[str, PlacedImage] = Field(default_factory=dict)
     """Other images that were registered, by the SHA-256 of their voxels and of where they lie."""

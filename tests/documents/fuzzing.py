@@ -68,7 +68,7 @@ LOOK = {
     "field_mm": 200.0,
     "window": "bone",
     "selected": None,
-    "points": {"ac": [1.0, 2.0, 3.0]},
+    "points": {"AC": [1.0, 2.0, 3.0]},
 }
 
 
