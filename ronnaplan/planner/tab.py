@@ -222,7 +222,8 @@ class Tab:
             with contextlib.suppress(RonnaplanError):  # an end in air goes back, which is seen
                 if self.pointer.holding:
                     self.pointer.release(whole=False)
-                self.state.case.end_drag()
+                else:
+                    self.state.case.end_drag()
 
     def _hover(self, view: str, x: Pixels, y: Pixels, width: Pixels, height: Pixels) -> None:
         """Tell what is under the pointer."""

@@ -69,8 +69,9 @@ def slant_seen(
     It is told again by balls that are ``refit`` along it, for the first order is not exact, and believed only where
     these misfit less.
     """
-    before = balls = agreeing(examined)
-    if not _are_most(balls, examined):
+    seen = _with_blur(examined)
+    before = balls = agreeing(seen)
+    if not _are_most(balls, seen):
         return None
     found, w = None, axes[2]
     for _ in range(MAX_TURNS):
@@ -78,13 +79,12 @@ def slant_seen(
         if slant is None:
             break
         found, w = slant, slant.axis
-        balls = agreeing(refit(slant, balls))
+        balls = agreeing(_with_blur(refit(slant, balls)))
     return found if found is not None and _is_better(balls, before) else None
 
 
-def agreeing(examined: Iterable[Examined]) -> list[Examined]:
-    """Return the largest set of balls whose blurs are longest in one direction."""
-    balls = _with_blur(examined)
+def agreeing(balls: Sequence[Examined]) -> list[Examined]:
+    """Return the largest set of ``balls``, whose blurs are known, that are blurred most in one direction."""
     if not balls:
         return []
     directions = np.array([longest_axis(one.blur_mm2) for one in balls])
@@ -125,11 +125,9 @@ def _with_blur(examined: Iterable[Examined]) -> list[Examined]:
     return distinct(one for one in examined if np.isfinite(one.blur_mm2).all())
 
 
-def _are_most(balls: Sequence[Examined], examined: Iterable[Examined]) -> bool:
-    """Whether ``balls`` are more than the other balls of the stated size whose blur is known."""
-    agree = {id(one) for one in balls}
-    others = (one for one in _with_blur(examined) if id(one) not in agree and _is_as_stated(one))
-    return len(balls) > sum(1 for _ in others)
+def _are_most(balls: Sequence[Examined], seen: Sequence[Examined]) -> bool:
+    """Whether ``balls``, which are among what is ``seen``, are more than the others of the stated size."""
+    return len(balls) > sum(map(_is_as_stated, seen)) - sum(map(_is_as_stated, balls))
 
 
 def _is_as_stated(one: Examined) -> bool:
