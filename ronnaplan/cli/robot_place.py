@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ronnaplan.documents.chain import ChainDocument
     from ronnaplan.documents.fiducials import Source
     from ronnaplan.geometry import Points
+    from ronnaplan.planning.head import Head
     from ronnaplan.robot.arm.arm import SerialArm
     from ronnaplan.robot.placement.job import Job
     from ronnaplan.robot.placement.placement import Placement
@@ -161,6 +162,7 @@ def _job(arguments: argparse.Namespace, arm: SerialArm, room: Room) -> tuple[Job
     assert case.plan is not None
     assert case.volume is not None
     head = Head.of(case.volume)
+    of_plan = _doubts_of_plan(case, head)
     ots_from_ct = None
     doubts: tuple[str, ...] = ()
     if case.registration is not None:
@@ -180,7 +182,23 @@ def _job(arguments: argparse.Namespace, arm: SerialArm, room: Room) -> tuple[Job
         radii_mm=case.fiducials.radii_mm if case.fiducials is not None else None,
         beside_ct_mm=beside(head),
     )
-    return job, case, (*doubts, *_untold_markers(case), *job.doubts)
+    return job, case, (*of_plan, *doubts, *_untold_markers(case), *job.doubts)
+
+
+def _doubts_of_plan(case: Case, head: Head) -> list[str]:
+    """Say what makes trajectories doubtful in the scan; raises `InputError` for one whose ends are not in the head.
+
+    A plan may come from elsewhere than `plan add`, and a place beside the head is reached as well.
+    """
+    from ronnaplan.planning.measures import check_ends, entry_doubt
+    from ronnaplan.planning.sides import side_doubt
+
+    assert case.plan is not None
+    found = []
+    for one in case.plan.trajectories:
+        doubts = (entry_doubt(one, check_ends(one, head)), side_doubt(one, head, case.plan.landmarks))
+        found += [f"{one.name}: {doubt}" for doubt in doubts if doubt is not None]
+    return found
 
 
 def _untold_markers(case: Case) -> list[str]:

@@ -446,6 +446,32 @@ def test_a_flange_that_nobody_named_is_told_and_one_whose_z_points_elsewhere(
     assert "has 7 joints" in told
 
 
+def test_ends_that_are_not_in_the_head_are_refused_and_what_makes_them_doubtful_is_told(
+    case: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As of a plan that another program wrote: a target 0.3 m beside the head was given a place."""
+    plan, output = tmp_path / "plan.json", tmp_path / "placement.json"
+    written = json.loads(Path(case[3]).read_text())
+    far = ["--parked", "3000", "0", "900", "0", "-o", str(output)]
+
+    def asked(**changes: object) -> int:
+        plan.write_text(
+            json.dumps({**written, "trajectories": [{**one, **changes} for one in written["trajectories"]]})
+        )
+        return main([*case[:3], str(plan), *case[4:], *far])
+
+    assert asked(entry=[300.0, 10.0, 77.0], target=[310.0, 5.0, 20.0]) == 1
+    assert "the entry of LH at LPS (300.0, 10.0, 77.0) lies outside the scan" in capsys.readouterr().err
+    (only,) = written["trajectories"]
+    assert asked(entry=only["target"], target=[*only["entry"][:2], 88.0]) == 1
+    assert "choose a place in the head" in capsys.readouterr().err
+    assert not output.exists()
+    assert asked(name="left", entry=[-14.0, 7.0, 45.0], target=[-12.0, 5.0, 20.0]) == 3
+    deep, side, *_ = read_placement(output).notes
+    assert deep.startswith("left: the entry lies ")
+    assert side.startswith("left: it is named left but lies on the patient's right side")
+
+
 def test_links_of_meshes_are_named_unless_the_room_states_bodies(
     case: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
