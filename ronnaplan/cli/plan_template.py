@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ronnaplan.planning.template_layout import Bridge, TemplateLayout
 
 HELP = "Design a template for markers that cannot be confused, to be printed."
+DRAWINGS = ("svg", "pdf")
 LENGTHS = (
     ("thickness", THICKNESS_MM, "thickness of the plate"),
     ("diameter", USUAL_DIAMETER_MM, "diameter of a marker"),
@@ -94,7 +95,8 @@ def run(arguments: argparse.Namespace) -> int:
     body = Path(arguments.output)
     if body.suffix.lower() not in WRITERS:
         raise UsageError(f"-o is '{body}'; expected a name that ends in {' or '.join(WRITERS)}")
-    check_target(body)
+    for ending in (body.suffix, ".json", *(f".{kind}" for kind in DRAWINGS)):
+        check_target(body.with_suffix(ending))
     _require_none_lost(body.with_suffix(".json"))
     bridge, fitted = _shape(arguments)
     found = design_template(
@@ -108,7 +110,7 @@ def run(arguments: argparse.Namespace) -> int:
     drawing = template_drawing(found, f"{arguments.name}: {arguments.markers} markers")
     write_atomically(body, WRITERS[body.suffix.lower()](template_solid(found), arguments.name))
     write_atomically(body.with_suffix(".json"), document)
-    for kind in ("svg", "pdf"):
+    for kind in DRAWINGS:
         write_atomically(body.with_suffix(f".{kind}"), drawing_file(drawing, kind))
     print(_summary(found, fitted))
     return 0

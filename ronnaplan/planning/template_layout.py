@@ -38,6 +38,8 @@ GREATEST_REFUSAL = 0.001
 """A template whose markers would be refused more often is not made."""
 STARTS, ROUNDS, TRIALS = 8, 12, 12
 """Starts of the search, rounds from each, places tried for a marker in a round."""
+DRAWN, DRAWN_SINGLY = 200, 20
+"""Times that a start is drawn anew where markers have no room, all holes at once, then one after the other."""
 CT_DISTANCE_SD_MM = 0.15
 """Of a marker of a rigid frame in a scan, per axis: the scanner's scale and noise (the paper's phantom)."""
 ENGRAVED_MM = 0.8
@@ -231,7 +233,8 @@ def design_template(
     if not starts:
         raise InputError(
             f"{count} markers do not fit on {bridge.size_mm[0]:g} x {bridge.size_mm[1]:g} mm with "
-            f"{bridge.clearance_mm:g} mm between them; take a larger template"
+            f"{bridge.clearance_mm:g} mm between them, on pads of {2 * bridge.pad_radius_mm:g} mm; take a larger "
+            "template"
         )
     found = max((_improved(holes, bridge, rng) for holes in starts), key=lambda one: one.worth_mm)
     order = np.lexsort((found.holes_mm[:, 1], found.holes_mm[:, 0]))
@@ -262,9 +265,16 @@ def require_unmistakable(found: TemplateLayout) -> None:
 def random_holes(count: int, bridge: Bridge, rng: np.random.Generator) -> FloatArray | None:
     """Return holes (N, 2) anywhere on the plate with clearance between the markers, None where they found no room."""
     reach = bridge.reach_mm
-    for _ in range(200):
+    for _ in range(DRAWN):
         holes = rng.uniform(-reach, reach, (count, 2))
         if _apart(holes, bridge):
+            return holes
+    for _ in range(DRAWN_SINGLY):  # where many hardly fit, all drawn at once seldom do
+        holes = rng.uniform(-reach, reach, (1, 2))
+        for one in rng.uniform(-reach, reach, (DRAWN, 2)):
+            more = np.vstack([holes, one])
+            holes = more if len(holes) < count and _apart(more, bridge) else holes
+        if len(holes) == count:
             return holes
     return None
 

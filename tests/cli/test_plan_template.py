@@ -56,6 +56,16 @@ def test_what_cannot_be_is_refused(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_nothing_is_written_where_one_of_its_files_cannot_be(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The body and its document were those of a new template then, the drawing none or an earlier one's."""
+    (tmp_path / "t.pdf").mkdir()
+    assert main(["plan", "template", "--markers", "3", "--flat", "-o", str(tmp_path / "t.stl")]) == 1
+    assert "t.pdf is no regular file" in capsys.readouterr().err
+    assert [one.name for one in tmp_path.iterdir()] == ["t.pdf"]
+
+
 def test_another_kind_of_body_is_refused(tmp_path: Path) -> None:
     assert main(["plan", "template", "--markers", "3", "-o", str(tmp_path / "t.obj")]) == 2
 

@@ -16,7 +16,7 @@ from ronnaplan.correspondence.layout import mirror_distance
 from ronnaplan.documents.solids import WRITERS
 from ronnaplan.documents.template import TemplateDocument, printed_template_document
 from ronnaplan.errors import InputError, RefusedError
-from ronnaplan.geometry import FloatArray
+from ronnaplan.geometry import FloatArray, mutual_distances
 from ronnaplan.localization.template import match_template
 from ronnaplan.planning.sites import Sites
 from ronnaplan.planning.template_drawing import drawing_file, template_drawing
@@ -72,6 +72,21 @@ def test_a_template_keeps_its_size_and_clearance_and_beats_every_random_one(mark
     assert found.worth_mm > max(worths)
     assert found.is_worth_more(max(worths))
     assert np.linalg.svd(found.centers_mm - found.centers_mm.mean(axis=0))[1][1] > 0.9 * found.worth_mm  # no line
+
+
+def test_markers_that_hardly_fit_find_room_and_others_are_refused() -> None:
+    """Six on a plate of 70 x 50 mm were said not to fit, as holes that are drawn all at once never kept apart."""
+    bridge = Bridge(size_mm=(70.0, 50.0), marker_diameter_mm=8.0, clearance_mm=3.0)
+    holes = random_holes(6, bridge, np.random.default_rng(0))
+    assert holes is not None
+    assert (np.abs(holes) <= bridge.reach_mm).all()
+    flat, stand = (mutual_distances(one)[np.triu_indices(6, 1)] for one in (holes, bridge.centers_mm(holes)))
+    assert flat.min() >= 2 * bridge.pad_radius_mm
+    assert stand.min() >= 11.0
+    with pytest.raises(
+        InputError, match=r"6 markers do not fit on 45 x 40 mm with 6 mm between them, on pads of 18"
+    ):
+        design_template(6, Bridge(size_mm=(45.0, 40.0)))
 
 
 def test_print_and_screws_count_as_errors() -> None:
