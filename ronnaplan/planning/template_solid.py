@@ -40,7 +40,11 @@ class Solid:
 
 def outline(found: TemplateLayout) -> list[FloatArray]:
     """Return the closed polygons (N, 2) of the flat plate's outline, screw holes included, mm."""
-    return [np.asarray(one, dtype=np.float64) for one in _plate(found).to_polygons()]
+    section, operation = _manifold3d().CrossSection, _manifold3d().OpType
+    screw = section.circle(found.bridge.hole_diameter_mm / 2, CORNERS)
+    holes = [screw.translate(hole) for hole in found.holes_mm.tolist()]
+    drilled = section.batch_boolean([_plate(found), *holes], operation.Subtract)
+    return [np.asarray(one, dtype=np.float64) for one in drilled.to_polygons()]
 
 
 def template_solid(found: TemplateLayout) -> Solid:
@@ -55,6 +59,8 @@ def template_solid(found: TemplateLayout) -> Solid:
     if bridge.radius_mm is not None:
         body = body.refine_to_length(LONGEST_EDGE_MM)
         body = body.warp_batch(lambda points: bridge.bent(np.asarray(points)))
+    # last, as bending would widen them towards the upper surface
+    body = manifold.Manifold.batch_boolean([body, *_bores(found)], manifold.OpType.Subtract)
     mesh = body.to_mesh64()
     vertices = np.asarray(mesh.vert_properties, dtype=np.float64)[:, :3]
     return Solid(vertices, np.asarray(mesh.tri_verts, dtype=np.int64))
@@ -72,19 +78,30 @@ def label_place(found: TemplateLayout, hole_mm: FloatArray) -> FloatArray:
     return np.asarray(hole_mm + inward * from_hole_mm)
 
 
+def _bores(found: TemplateLayout) -> list[Any]:
+    """Return what is drilled out of the plate for the screws: straight, square to it where each hole is."""
+    bridge, cylinder = found.bridge, _manifold3d().Manifold.cylinder
+    beyond, radius = bridge.hole_diameter_mm, bridge.hole_diameter_mm / 2
+    drill = cylinder(bridge.thickness_mm + 2 * beyond, radius, radius, CORNERS).translate((0.0, 0.0, -beyond))
+    bores = []
+    for x, y in found.holes_mm.tolist():
+        tilt_deg = 0.0 if bridge.radius_mm is None else float(np.degrees(x / bridge.radius_mm))
+        place = bridge.bent(np.array([x, y, 0.0])).tolist()
+        bores.append(drill.rotate((0.0, tilt_deg, 0.0)).translate(place))
+    return bores
+
+
 def _plate(found: TemplateLayout) -> Any:
-    """Return the flat plate's cross-section."""
+    """Return the flat plate's cross-section, without the screws' holes."""
     section, operation = _manifold3d().CrossSection, _manifold3d().OpType
     holes = found.holes_mm.tolist()
     disc = section.circle(found.bridge.pad_radius_mm, CORNERS)
     thin = section.circle(BAR_WIDTH_MM / 2, CORNERS)
-    screw = section.circle(found.bridge.hole_diameter_mm / 2, CORNERS)
     pads = [disc.translate(hole) for hole in holes]
     bars = [
         section.batch_hull([thin.translate(one), thin.translate(other)]) for one, other in combinations(holes, 2)
     ]
-    plate = section.batch_boolean(pads + bars, operation.Add).offset(GAP_MM / 2).offset(-GAP_MM / 2)
-    return section.batch_boolean([plate, *(screw.translate(hole) for hole in holes)], operation.Subtract)
+    return section.batch_boolean(pads + bars, operation.Add).offset(GAP_MM / 2).offset(-GAP_MM / 2)
 
 
 def _letters(label: str) -> list[FloatArray]:

@@ -181,6 +181,30 @@ def test_bending_keeps_lengths_along_the_lower_surface_and_heights() -> None:
     np.testing.assert_allclose(raised - bent, 7.0 * (bent + np.array([0, 0, 80.0])) / 80.0, atol=1e-9)
 
 
+@pytest.mark.parametrize("radius_mm", [None, 60.0])
+def test_holes_are_as_wide_through_the_whole_plate_and_square_to_it(radius_mm: float | None) -> None:
+    """Drilled before it was bent, a hole of 4 mm was 4.8 mm wide at the upper surface, so that its screw had play."""
+    import manifold3d
+
+    bridge = Bridge(radius_mm=radius_mm, thickness_mm=12.0, hole_diameter_mm=4.0)
+    holes = np.array([[-50.0, 20.0], [45.0, 25.0], [0.0, -30.0]])
+    solid = template_solid(TemplateLayout(bridge, holes))
+    surface = np.array(solid.vertices_mm), np.array(solid.triangles, dtype=np.uint64)  # copies that may be written
+    body = manifold3d.Manifold(manifold3d.Mesh64(*surface))
+    for x, y in holes:
+        tilt_deg = 0.0 if radius_mm is None else np.degrees(x / radius_mm)
+        place = bridge.bent(np.array([x, y, 0.0])).tolist()
+        inner, outer = (
+            manifold3d.Manifold.cylinder(10.0, radius, radius, 64)
+            .translate((0.0, 0.0, 1.0))  # to beneath the letters
+            .rotate((0.0, tilt_deg, 0.0))
+            .translate(place)
+            for radius in (2.0, 2.2)
+        )
+        assert (body ^ inner).volume() < 0.01
+        assert (body ^ outer).volume() == pytest.approx((outer - inner).volume(), rel=1e-3)
+
+
 @pytest.mark.parametrize("hole_mm", [2.4, 6.0, 8.9])
 def test_no_hole_takes_the_foot_of_a_letter(hole_mm: float) -> None:
     """An E without it is an F: of no letter more than a tenth is lost to its hole."""
