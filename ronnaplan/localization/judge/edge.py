@@ -24,6 +24,7 @@ from ronnaplan.localization.fit.cells import BACKGROUND_QUANTILE, cell_direction
 from ronnaplan.localization.fit.depth import deep_inside, edge_depth, within_reach
 from ronnaplan.localization.fit.directions import near_any, unlike_inside
 from ronnaplan.localization.fit.parameters import (
+    BACKGROUND,
     CENTER,
     LEAST_SPREAD_MM2,
     RADIUS,
@@ -132,13 +133,23 @@ def shape_of(edge: Edge, radius_mm: float) -> FloatArray:
     return shape
 
 
+def _with_dark_air(fit: BallFit) -> FloatArray:
+    """Values (N,) of a fit's voxels, those at the scale's lower end as dark as the fit says what is around the ball is.
+
+    Beside air that a scale shows too bright, a thin post seems too faint to be one, and what it does to the ball's edge
+    is taken for motion.
+    """
+    values_hu, floors_hu = fit.neighbourhood.values_hu, fit.neighbourhood.floors_hu
+    return np.where(values_hu <= floors_hu, np.minimum(values_hu, fit.theta[BACKGROUND]), values_hu)
+
+
 def _unattached(fit: BallFit) -> NDArray[np.bool_]:
     """Which of all voxels (N,) of a fit are of its edge where nothing stands."""
     around, theta = fit.neighbourhood, fit.theta
     depth, blur = edge_depth(around.offsets_mm, theta)
     cells = direction_cells(around.offsets_mm - theta[CENTER])
     beyond = (depth > 3.0 * blur + BEYOND_MM[0]) & (depth < 3.0 * blur + BEYOND_MM[1])
-    outside_hu = cell_means(around.values_hu, cells, beyond)
+    outside_hu = cell_means(_with_dark_air(fit), cells, beyond)
     if np.isnan(outside_hu).all():
         return fit.used
     stands = outside_hu - quantile(outside_hu, BACKGROUND_QUANTILE) > STANDS_SHARE * fit.contrast_hu

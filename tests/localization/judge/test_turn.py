@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from phantoms.scene import Part, Scene
+from phantoms.solids import cylinder
 from ronnaplan.localization.build import SOLID
 from ronnaplan.localization.examine import examine_place
 from ronnaplan.localization.judge.motion import PATTERNS
 from ronnaplan.localization.scanner.scan import Scan
+from ronnaplan.localization.scanwide.moving import LIMIT
 from tests.long import few_and_others
 from tests.scans import balls, bent, scan, small_stack
 
@@ -25,3 +30,18 @@ def test_a_bending_is_measured_as_large_as_it_is(harmonic: str, diameter_mm: flo
     assert found.movement is not None, found.failures
     expected_mm = np.where(np.array(PATTERNS) == harmonic, 0.04, 0.0)
     assert np.abs(found.movement.amplitudes_mm - expected_mm)[WITHIN_TURN].max() < 0.004
+
+
+@few_and_others(("material", "by_mm"), [("polyethylene", 0.0), ("polyethylene", 0.06)], [("acrylic", 0.0)])
+def test_a_thin_post_beside_air_that_the_scale_does_not_show_is_no_motion(material: str, by_mm: float) -> None:
+    """Air lies at -1200 HU, and the scale begins at -1024; a ball whose edge is bent by 60 um is still told."""
+    ball = balls([PLACE], 6.0, "aluminium")
+    post = cylinder((PLACE[0] + 12.0, *PLACE[1:]), (-1.0, 0.0, 0.0), 9.05, 3.0)
+    still = scan(
+        Scene((*ball.parts, Part(post, material, "post", embedded=True))), CLOSE, blur_mm=0.55, noise_hu=20.0
+    )
+    shown_hu = np.maximum(bent(still, "third cos", by_mm).voxels_hu - 200.0, -1024.0)
+    cut = replace(still, voxels_hu=np.round(shown_hu).astype(np.int16))
+    found = examine_place(Scan(cut), np.array(PLACE), 6.0, SOLID)
+    assert found.movement is not None, found.failures
+    assert (found.movement.statistic > LIMIT) == (by_mm > 0.0)
