@@ -8,7 +8,8 @@ the scan that was made.
 
 Old slices blur all balls of a scan along one direction. A gantry that turns while it looks blurs each across the line
 to its axis, which a sharp kernel shows in balls far from it; of many balls around a head some lie in the same direction
-from the axis. So no direction is believed that half of the balls or more do not show.
+from the axis. So no direction is believed that half of the balls or more do not show. Balls that are all on one side of
+the head show theirs alike, but it leads across the patient's axis, along which slices are measured.
 """
 
 from __future__ import annotations
@@ -46,6 +47,10 @@ RESIZED_SHARE, RESIZED_MM = 0.02, 0.03
 """Balls keep their size to this share of it and this: an egg that lies aslant, which looks like a ball in a profile as
 long as it is longer, seems larger by 2.6 to 5 %."""
 
+UPRIGHT = 0.5
+"""Slices that were measured lie across the patient's axis to 60 degrees (the cosine). A turning gantry blurs at right
+angles to its own axis, which leads off the patient's by 30 degrees at most."""
+
 MAX_TURNS = 3
 """So often the direction is told anew."""
 
@@ -80,7 +85,9 @@ def slant_seen(
             break
         found, w = slant, slant.axis
         balls = agreeing(_with_blur(refit(slant, balls)))
-    return found if found is not None and _is_better(balls, before) else None
+    if found is None or abs(float(found.axis[2])) < UPRIGHT:
+        return None
+    return found if _is_better(balls, before) else None
 
 
 def agreeing(balls: Sequence[Examined]) -> list[Examined]:

@@ -157,6 +157,15 @@ def test_what_a_turning_gantry_blurs_is_no_slant_where_most_balls_lie_in_other_d
     assert not [one for one in found if FiducialFlag.COVERED in one.flags]
 
 
+def test_what_a_turning_gantry_blurs_is_no_slant_where_all_balls_lie_on_one_side_of_the_head() -> None:
+    """On the forehead, 100 mm from the axis of a gantry that takes 360 views a turn, they are smeared sideways."""
+    still = scan(balls(PLACES, 8.0), small_stack(), blur_mm=0.3)
+    smeared = gaussian_filter1d(still.voxels_hu.astype(np.float32), 0.5 / 0.5, axis=2)
+    found = localize(replace(still, voxels_hu=np.round(smeared).astype(np.int16)), diameter_mm=8.0, expected=4)
+    assert found.profile_axis is None
+    assert VolumeFlag.REFORMATTED not in found.volume_flags
+
+
 def test_a_neighbourhood_along_other_axes_holds_the_same_voxels_in_slabs(oblique: CTVolume) -> None:
     center, axes = np.array([1.0, 2.0, 3.0]), axes_along(oblique.grid.axes, ALONG)
     assert axes @ axes.T == pytest.approx(np.eye(3), abs=1e-12)
