@@ -195,14 +195,14 @@ class Receiver:
 
     def _facts(self, request: Request, spool: Spool) -> Facts:
         """Return who an instance is, once its content is on the disk; raises `RefusedInstanceError`."""
-        if not self._store.has_room():
-            with suppress(InputError, OSError):  # no instance, or none that could be written at all
-                self._store.note_lacking(read_facts(spool.path, spool.sha256))
-            least = self.config.limits.least_free_mib
-            raise RefusedInstanceError(Status.NO_ROOM, f"less than {least} MiB are free on the disk")
         try:
+            if not self._store.has_room():
+                self._note_lacking(spool)
+                least = self.config.limits.least_free_mib
+                raise RefusedInstanceError(Status.NO_ROOM, f"less than {least} MiB are free on the disk")
             spool.sync()
-        except OSError as error:
+        except OSError as error:  # the node's folder itself may be gone, as with its disk
+            self._note_lacking(spool)
             raise RefusedInstanceError(Status.NO_ROOM, f"it cannot be written: {error.strerror}") from error
         try:
             # half of one, once kept, would keep the whole one of its UID out
@@ -212,6 +212,11 @@ class Receiver:
         if (facts.sop_uid, facts.sop_class) != (request.sop_uid, request.sop_class):
             raise RefusedInstanceError(Status.NO_MATCH, f"it holds instance {facts.sop_uid} of {facts.sop_class}")
         return facts
+
+    def _note_lacking(self, spool: Spool) -> None:
+        """Have a series wait for an instance that there is no room for, as far as its beginning could be written."""
+        with suppress(InputError, OSError):
+            self._store.note_lacking(read_facts(spool.path, spool.sha256))
 
     def _note(self, association: Association, arrival: Arrival) -> None:
         facts = arrival.facts

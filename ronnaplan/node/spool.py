@@ -14,6 +14,9 @@ from pynetdicom import PYNETDICOM_IMPLEMENTATION_UID, PYNETDICOM_IMPLEMENTATION_
 
 from ronnaplan.portable import sync
 
+BEGINNING_BYTES = 64 << 10
+"""So much stays of an instance that cannot be written whole, until its sender is told: it says whose it is."""
+
 
 class Spool:
     """A DICOM file in a folder for incoming instances.
@@ -24,6 +27,7 @@ class Spool:
 
     def __init__(self, folder: Path, sop_class: str, sop_uid: str, syntax: str) -> None:
         self._error: OSError | None = None
+        self._is_begun = False
         self._digest = hashlib.sha256()
         self.path = folder / "unwritten.dcm"
         try:
@@ -32,6 +36,7 @@ class Spool:
             self._error = error
             return
         self.path = Path(name)
+        self._is_begun = True
         self._stream = io.FileIO(handle, "wb")
         # a peer may go before its instance is whole
         self._remove = weakref.finalize(self, _remove, self._stream, name)
@@ -55,7 +60,8 @@ class Spool:
                     rest = rest[write(self._stream.fileno(), rest) :]
             except OSError as error:
                 self._error = error
-                self._remove()  # gives its room back
+                with suppress(OSError):  # gives its room back
+                    self._stream.truncate(min(self._stream.tell(), BEGINNING_BYTES))
 
     def sync(self) -> None:
         """Wait until the content is on the disk; raises the OSError of any step since the beginning."""
@@ -69,8 +75,8 @@ class Spool:
         self._remove.detach()
 
     def remove(self) -> None:
-        """Remove the file."""
-        if self._error is None:
+        """Remove the file, where there is one."""
+        if self._is_begun:
             self._remove()
 
 

@@ -222,6 +222,7 @@ class Store:
         )
 
     def _refused(self, one: Arrival, reason: object) -> Taken:
+        self.note_lacking(one.facts)
         with suppress(OSError):  # of a disk that lets nothing be changed any more; removed when the node starts
             one.path.unlink(missing_ok=True)
         self._log.tell(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -115,6 +116,7 @@ def full_after_300_kb(handle: int, content: memoryview) -> int:
     ("where", "step", "fails"),
     [
         (tempfile, "mkstemp", full),
+        (shutil, "disk_usage", full),
         (spool_module, "write", full),
         (spool_module, "write", full_after_300_kb),
         (Spool, "sync", full),
@@ -137,8 +139,11 @@ def test_a_disk_that_fills_at_any_step_is_told_and_the_node_lives_on(
     assert node.rows("SELECT count(*) FROM instances") == [(0,)]
     assert node.files() == []
     assert not list((node.folder / "incoming").iterdir())
+    could_begin = fails is not full or (where, step) not in ((tempfile, "mkstemp"), (spool_module, "write"))
+    until(lambda: node.rows("SELECT sop_uid FROM lacking") == [(large.SOPInstanceUID,)] * could_begin)
     assert "Success" in send(node.port, path)
     assert len(node.files()) == 1
+    assert node.rows("SELECT sop_uid FROM lacking") == []
 
 
 def test_a_disk_that_lets_nothing_be_removed_is_told_and_the_node_lives_on(
