@@ -37,10 +37,11 @@ from ronnaplan.localization.fit.parameters import (
 from ronnaplan.localization.fit.residuals import residuals_and_jacobian
 
 BEYOND_MM = (0.3, 1.5)
-STANDS_SHARE = 0.1
+STANDS_SHARE, STANDS_HU = 0.1, 120.0
 CLEAR_DEG = 30.0
 """Something stands in a direction that is brighter by this share of the contrast so far beyond the blurred edge, where
-the edge of a ball that moved does not reach; directions closer than this angle are left out with it."""
+the edge of a ball that moved does not reach, or by so much: a post of plastic, if thin, is less than that share beside
+ceramic or metal. Directions closer than this angle are left out with it."""
 
 STEP_MM = 0.05
 """Step of the second derivatives."""
@@ -152,7 +153,8 @@ def _unattached(fit: BallFit) -> NDArray[np.bool_]:
     outside_hu = cell_means(_with_dark_air(fit), cells, beyond)
     if np.isnan(outside_hu).all():
         return fit.used
-    stands = outside_hu - quantile(outside_hu, BACKGROUND_QUANTILE) > STANDS_SHARE * fit.contrast_hu
+    least_hu = min(STANDS_SHARE * fit.contrast_hu, STANDS_HU)
+    stands = outside_hu - quantile(outside_hu, BACKGROUND_QUANTILE) > least_hu
     inside_hu = cell_means(fit.residuals_hu, cells, deep_inside(depth, blur))
     stands |= unlike_inside(inside_hu, fit.contrast_hu)
     unattached = ~(stands | near_any(cell_directions(), stands, math.cos(math.radians(CLEAR_DEG))))

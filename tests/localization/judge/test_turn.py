@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from phantoms.scene import Part, Scene
 from phantoms.solids import cylinder
@@ -43,5 +44,18 @@ def test_a_thin_post_beside_air_that_the_scale_does_not_show_is_no_motion(materi
     shown_hu = np.maximum(bent(still, "third cos", by_mm).voxels_hu - 200.0, -1024.0)
     cut = replace(still, voxels_hu=np.round(shown_hu).astype(np.int16))
     found = examine_place(Scan(cut), np.array(PLACE), 6.0, SOLID)
+    assert found.movement is not None, found.failures
+    assert (found.movement.statistic > LIMIT) == (by_mm > 0.0)
+
+
+@pytest.mark.parametrize("by_mm", [0.0, 0.06])
+def test_a_thin_post_under_dense_ceramic_is_no_motion(by_mm: float) -> None:
+    """The post is fainter than a tenth of the ball's contrast; a ball whose edge is bent by 60 um is still told."""
+    ball = balls([PLACE], 8.0, "ceramic")
+    post = Part(
+        cylinder((PLACE[0] + 13.0, *PLACE[1:]), (-1.0, 0.0, 0.0), 9.05, 3.0), "polyethylene", embedded=True
+    )
+    seen = scan(Scene((*ball.parts, post)), CLOSE, blur_mm=0.55, noise_hu=10.0)
+    found = examine_place(Scan(bent(seen, "third cos", by_mm)), np.array(PLACE), 8.0, SOLID)
     assert found.movement is not None, found.failures
     assert (found.movement.statistic > LIMIT) == (by_mm > 0.0)
