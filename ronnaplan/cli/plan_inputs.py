@@ -52,16 +52,14 @@ def change_in_head(arguments: argparse.Namespace, change: Callable[[Plan], Plan]
     from ronnaplan.documents.plan import change_plan
     from ronnaplan.planning import Head
     from ronnaplan.planning.crossings import find_crossings
-    from ronnaplan.planning.measures import entry_doubt
-    from ronnaplan.planning.sides import side_doubt
+    from ronnaplan.planning.measures import end_doubts
 
     change(read_named_plan(arguments))  # what is wrong without the scan is told before it is read
     head = Head.of(scan_of_plan(arguments))
     changed = change_plan(arguments.plan, lambda plan: sound(plan, change(plan), head))
     for one in changed.trajectories:
         above = find_crossings(head, one.target_mm, -one.inward)
-        doubts = (entry_doubt(one, above), side_doubt(one, head, changed.landmarks))
-        warn(*(f"{one.name}: {doubt}" for doubt in doubts if doubt is not None))
+        warn(*end_doubts(one, above, head, changed.landmarks))
     return 0
 
 

@@ -190,15 +190,15 @@ def _doubts_of_plan(case: Case, head: Head) -> list[str]:
 
     A plan may come from elsewhere than `plan add`, and a place beside the head is reached as well.
     """
-    from ronnaplan.planning.measures import check_ends, entry_doubt
-    from ronnaplan.planning.sides import side_doubt
+    from ronnaplan.planning.measures import check_ends, end_doubts
 
     assert case.plan is not None
-    found = []
-    for one in case.plan.trajectories:
-        doubts = (entry_doubt(one, check_ends(one, head)), side_doubt(one, head, case.plan.landmarks))
-        found += [f"{one.name}: {doubt}" for doubt in doubts if doubt is not None]
-    return found
+    plan = case.plan
+    return [
+        doubt
+        for one in plan.trajectories
+        for doubt in end_doubts(one, check_ends(one, head), head, plan.landmarks)
+    ]
 
 
 def _untold_markers(case: Case) -> list[str]:

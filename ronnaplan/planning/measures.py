@@ -220,6 +220,14 @@ def entry_doubt(trajectory: Trajectory, crossings: Crossings) -> str | None:
     )
 
 
+def end_doubts(
+    trajectory: Trajectory, crossings: Crossings, head: Head, landmarks: Landmarks | None
+) -> tuple[str, ...]:
+    """Return what makes the ends doubtful, a sentence each, after the trajectory's name."""
+    doubts = entry_doubt(trajectory, crossings), side_doubt(trajectory, head, landmarks)
+    return tuple(f"{trajectory.name}: {doubt}" for doubt in doubts if doubt is not None)
+
+
 def _angle_deg(surface: Surface | None, inward: FloatArray) -> float | None:
     if surface is None or not surface.clear:
         return None
