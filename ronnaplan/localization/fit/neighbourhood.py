@@ -44,6 +44,11 @@ class Neighbourhood:
         return distances_mm
 
     @property
+    def is_cut_off(self) -> NDArray[np.bool_]:
+        """Which voxels (N,) are at the lower end of their scale: what they measured may be darker."""
+        return self.values_hu <= self.floors_hu
+
+    @property
     def across(self) -> int:
         """Which of the axes leads across the slices that were measured: those of the patient's axis."""
         return int(np.abs(self.axes[:, 2]).argmax())

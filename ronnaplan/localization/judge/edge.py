@@ -140,8 +140,8 @@ def _with_dark_air(fit: BallFit) -> FloatArray:
     Beside air that a scale shows too bright, a thin post seems too faint to be one, and what it does to the ball's edge
     is taken for motion.
     """
-    values_hu, floors_hu = fit.neighbourhood.values_hu, fit.neighbourhood.floors_hu
-    return np.where(values_hu <= floors_hu, np.minimum(values_hu, fit.theta[BACKGROUND]), values_hu)
+    around = fit.neighbourhood
+    return np.where(around.is_cut_off, np.minimum(around.values_hu, fit.theta[BACKGROUND]), around.values_hu)
 
 
 def _unattached(fit: BallFit) -> NDArray[np.bool_]:

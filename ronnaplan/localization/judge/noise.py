@@ -32,8 +32,7 @@ def noise_level(fit: BallFit) -> float:
     """
     around = fit.neighbourhood
     is_measured = fit.jacobian[:, BACKGROUND] != 0.0  # clipped voxels have no noise
-    is_cut_off = around.values_hu <= around.floors_hu
-    level = _quieter(around.offsets_mm, fit.residuals_hu, fit.used, is_measured, is_cut_off, fit.theta)
+    level = _quieter(around.offsets_mm, fit.residuals_hu, fit.used, is_measured, around.is_cut_off, fit.theta)
     if math.isinf(level):
         level = float(np.sqrt(np.mean(fit.residuals_hu[fit.used] ** 2))) if fit.used.any() else 1.0
     return max(level, QUANTIZATION_NOISE_HU)
