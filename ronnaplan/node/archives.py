@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from pydicom.dataset import Dataset
 
@@ -25,6 +25,9 @@ FIND = "1.2.840.10008.5.1.4.1.2.2.1"
 GET = "1.2.840.10008.5.1.4.1.2.2.3"
 MOVE = "1.2.840.10008.5.1.4.1.2.2.2"
 PENDING = (0xFF00, 0xFF01)
+MOST_MATCHES: Final = 100_000
+MOST_PAGES: Final = 1_000
+"""No archive has so many that fit a question for one day or patient, nor tells them in so many pieces."""
 RARE_CLASS = "; should it hold what is asked for seldom, try --by move or DICOMweb"
 """What to do where C-GET fails, for which not all classes can be agreed on."""
 
@@ -117,6 +120,9 @@ class _Dimse:
             code = status.get("Status")
             if code in PENDING:
                 before.append(found)
+                if len(before) > MOST_MATCHES:
+                    self._association.abort()  # it would go on
+                    raise _more_than_told(self._peer)
             elif code != 0:
                 said = "nothing more" if code is None else f"{code:04X}"
                 raise InputError(f"{self._peer.name} answered {said}; expected all of the study{remedy}")
@@ -126,7 +132,8 @@ class _Dimse:
 class _Web:
     def __init__(self, config: Config, peer: Peer) -> None:
         self._peer, self._kept = peer, Arrivals()
-        self._client, self._heard = web_client(peer, config.limits.silent_s)
+        self._client, self._heard = web_client(peer, config.limits)
+        self._as_stored: dict[str, Any] = {"media_types": AS_STORED}
 
     def find(self, level: str, keys: Mapping[str, str]) -> list[Dataset]:
         above = [keys[name] for name in list(LEVELS.values())[: list(LEVELS).index(level)]]
@@ -137,27 +144,30 @@ class _Web:
         )
         filters = {name: value for name, value in keys.items() if value and value not in above}
         fields = [name for name, value in keys.items() if not value]
-        found: list[Dataset] = []
-        while True:  # a list comes in pages, and not every archive says that there is another one
+        found: dict[str, Dataset] = {}
+        for _ in range(MOST_PAGES):  # a list comes in pages, and not every archive says that there is another one
             with _understood(self._peer):
-                page = ways[len(above)](*above, search_filters=filters, fields=fields, offset=len(found) or None)
-                known, found = len(found), [*found, *(Dataset.from_json(one) for one in page)]
-                found = fitting(self._peer.name, level, keys, found)
-            if len(found) == known:
+                told = ways[len(above)](*above, search_filters=filters, fields=fields, offset=len(found) or None)
+                page = fitting(self._peer.name, level, keys, [Dataset.from_json(one) for one in told])
+            known = len(found)
+            for one in page:
+                found.setdefault(str(one[LEVELS[level]].value), one)
+            if len(found) == known and not self._heard.has_more:
+                return list(found.values())
+            if len(found) == known or len(found) > MOST_MATCHES:
                 break
-        if self._heard.has_more:
-            raise InputError(f"{self._peer.name} has more matches than it tells; ask for fewer days")
-        return found
+        raise _more_than_told(self._peer)
 
     def fetch(self, uids: Sequence[str], folder: Path) -> set[Path]:
         self._kept.expect(uids, folder)
         with _understood(self._peer):
             try:
-                self._retrieve(uids, media_types=AS_STORED)
+                self._retrieve(uids, **self._as_stored)
             except OSError as error:
-                if not is_unacceptable(error):
+                if not (self._as_stored and is_unacceptable(error)):
                     raise
                 self._retrieve(uids)
+                self._as_stored = {}  # it would be asked in vain for each study
         return self._kept.all_of(self._peer.name, _instances(self, uids))
 
     def _retrieve(self, uids: Sequence[str], **told: Any) -> None:
@@ -166,10 +176,16 @@ class _Web:
             instances = [self._client.retrieve_instance(*uids, **told)]
         else:
             instances = (self._client.iter_study, self._client.iter_series)[len(uids) - 1](*uids, **told)
-        for instance in instances:
+        for number, instance in enumerate(instances):
+            if number > MOST_MATCHES:
+                raise InputError(f"{self._peer.name} sends no end of instances; check its address")
             file = io.BytesIO()
             instance.save_as(file, enforce_file_format=True)
             self._kept.keep(instance.SOPInstanceUID, file.getvalue())
+
+
+def _more_than_told(peer: Peer) -> InputError:
+    return InputError(f"{peer.name} has more matches than it tells, or tells no end of them; ask for fewer days")
 
 
 def _instances(archive: Archive, uids: Sequence[str]) -> set[str]:

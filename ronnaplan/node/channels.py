@@ -117,7 +117,7 @@ class _Storage:
 class _Web:
     def __init__(self, config: Config, peer: Peer) -> None:
         self._peer, self.commits = peer, False
-        self._client, self._heard = web_client(peer, config.limits.silent_s)
+        self._client, self._heard = web_client(peer, config.limits)
 
     def ask(self, request: Dataset) -> None:
         raise InputError(f"{self._peer.name} is spoken to by DICOMweb, which has no storage commitment")

@@ -40,8 +40,7 @@ def fitting(archive: str, level: str, keys: Mapping[str, str], found: Sequence[D
         uid = str(one.get(LEVELS[level]) or "")
         if UID.fullmatch(uid) is None:
             raise InputError(
-                f"{archive} answered a {level.lower()} of the UID '{printable(uid, 80)}'; expected up to 64 digits "
-                "and points"
+                f"{archive} answered the {LEVELS[level]} '{printable(uid, 80)}'; expected up to 64 digits and points"
             )
         for keyword, wanted in keys.items():
             told = str(one.get(keyword) or "").strip(" \0")

@@ -1,23 +1,20 @@
-"""DICOMweb, and what its client passes over: answers and lists that are cut short, types with parameters."""
+"""A client of DICOMweb that is patient with a busy archive, and what its errors mean."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from email.message import Message
-from functools import partial
+import ssl
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from ronnaplan.errors import InputError
+from ronnaplan.node.web_answers import Heard
 
 if TYPE_CHECKING:
     from pydicom.dataset import Dataset
-    from requests import Response
     from urllib3.util import Retry
 
-    from ronnaplan.node.config import Peer
+    from ronnaplan.node.config import Limits, Peer
 
-LONGEST_END: Final = 4096
-"""Bytes at the end of an answer of several parts among which its last boundary is looked for."""
 AGAIN: Final = 4
 """So often an archive that is busy is asked again: at once, and after 2, 4 and 8 s more."""
 BUSY: Final = (408, 429, 503, 504)
@@ -27,41 +24,18 @@ AS_STORED: Final = (("application/dicom", "*"),)
 """Instances in whichever transfer syntax an archive has them: it changes them by default, or fails where it cannot."""
 UNACCEPTABLE: Final = (400, 406)
 """Status of an archive that does not know that it may be asked for them so."""
-MORE: Final = "299"
-"""Code of the warning that a list has more than was told (PS3.18, 8.3.4.4)."""
 
 
-class Heard:
-    """What an archive said beside its last answer."""
-
-    def __init__(self) -> None:
-        self.status = 0
-        self.has_more = False
-        """Whether its list was cut short."""
-
-    def hear(self, response: Response, **_: Any) -> None:
-        """Take note of an answer, and have it raise `InputError` where it ends before its last boundary."""
-        self.status = response.status_code
-        self.has_more = MORE in response.headers.get("Warning", "").split()
-        head = Message()
-        head["Content-Type"] = response.headers.get("Content-Type", "")
-        if head.get_content_maintype() == "multipart" and (boundary := head.get_boundary()):
-            end = f"--{boundary}--".encode()
-            response.iter_content = partial(_whole, response.iter_content, end)  # type: ignore[method-assign]
-        elif head.get_content_maintype() == "application":  # the client knows no parameters, such as a charset
-            response.headers["Content-Type"] = head.get_content_type()
-
-
-def web_client(peer: Peer, silent_s: float) -> tuple[Any, Heard]:
-    """Return a client of a peer's DICOMweb that waits no longer for any of it, and what the peer says beside."""
+def web_client(peer: Peer, limits: Limits) -> tuple[Any, Heard]:
+    """Return a client of a peer's DICOMweb that waits within ``limits``, and what the peer says beside."""
     from dicomweb_client.api import DICOMwebClient
     from requests import Session
     from requests.adapters import HTTPAdapter
 
-    heard, session = Heard(), Session()
+    heard, session = Heard(peer.name, limits.largest_instance_mib), Session()
     for scheme in ("http://", "https://"):
         session.mount(scheme, HTTPAdapter(max_retries=_patience()))
-    client = DICOMwebClient(str(peer.url), session=session, callback=heard.hear, timeout=silent_s)
+    client = DICOMwebClient(str(peer.url), session=session, callback=heard.hear, timeout=limits.silent_s)
     client.set_http_retry_params(retry=False)  # it tries again whatever happened, also where nobody is there
     return client, heard
 
@@ -75,7 +49,14 @@ def unreached(peer: Peer, error: Exception) -> InputError:
     if isinstance(error, HTTPError) and error.response is not None:
         said = f"{error.response.status_code} {error.response.reason or ''}".strip()
         return InputError(f"{peer.name} answered {said} by DICOMweb; check its address, or ask again later")
-    told = "it does not answer" if isinstance(error, Timeout) else _innermost(error)
+    causes = list(_causes(error))
+    distrust = next((one for one in causes if isinstance(one, ssl.SSLCertVerificationError)), None)
+    if distrust is not None:
+        return InputError(
+            f"{peer.name} shows a certificate that is not trusted ({distrust.verify_message}); check its address, and "
+            "name the PEM file of the authority that signed it in the environment variable REQUESTS_CA_BUNDLE"
+        )
+    told = "it does not answer" if isinstance(error, Timeout) else _innermost(causes)
     return InputError(f"{peer.name} cannot be reached by DICOMweb: {told}; check its address")
 
 
@@ -105,14 +86,22 @@ def refusals(error: Exception) -> Dataset | None:
     return said if said.get("FailedSOPSequence") else None
 
 
-def _innermost(error: BaseException) -> str:
+def _innermost(causes: Sequence[BaseException]) -> str:
     """Return what the system said, without what the libraries on the way have made of it."""
-    said, seen = str(error), error
-    while (cause := seen.__cause__ or seen.__context__) is not None:
-        seen = cause
-        if isinstance(seen, OSError) and seen.strerror:
-            said = f"{seen.strerror[:1].lower()}{seen.strerror[1:]}"
+    said = str(causes[0])
+    for one in causes[1:]:
+        if isinstance(one, OSError) and one.strerror:
+            said = f"{one.strerror[:1].lower()}{one.strerror[1:]}"
     return said
+
+
+def _causes(error: BaseException) -> Iterator[BaseException]:
+    """Yield an error, what it was raised for, and so on; urllib3 tells some as an argument only."""
+    cause: BaseException | None = error
+    while cause is not None:
+        yield cause
+        told = next((one for one in cause.args if isinstance(one, BaseException)), None)
+        cause = cause.__cause__ or cause.__context__ or told
 
 
 def _patience() -> Retry:
@@ -123,18 +112,10 @@ def _patience() -> Retry:
         AGAIN,
         connect=0,
         read=0,
+        other=0,
         status_forcelist=BUSY,
         allowed_methods=("GET",),
         backoff_factor=1.0,
         respect_retry_after_header=False,
         raise_on_status=False,
     )
-
-
-def _whole(chunks: Callable[..., Iterator[bytes]], end: bytes, *given: Any, **named: Any) -> Iterator[bytes]:
-    last = b""
-    for chunk in chunks(*given, **named):
-        last = (last + chunk)[-LONGEST_END:]
-        yield chunk
-    if end not in last:
-        raise InputError("an answer by DICOMweb was cut short; fetch it again")

@@ -16,6 +16,7 @@ from pydicom.uid import CTImageStorage
 from pynetdicom import AE, evt
 
 from ronnaplan.errors import InputError
+from ronnaplan.node import archives
 from ronnaplan.node.archives import FIND, GET, open_archive
 from ronnaplan.node.association import associated
 from ronnaplan.node.config import Config, Limits, Peer
@@ -169,3 +170,27 @@ def test_who_is_interrupted_does_not_wait_for_an_archive_that_is_busy() -> None:
         done.set()
         server.shutdown()
     assert time.monotonic() - begun < Limits().silent_s / 2
+
+
+def test_an_archive_that_tells_matches_without_end_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    def tell(event: evt.Event) -> Iterator[tuple[int, Dataset | None]]:
+        match = Dataset()
+        match.StudyInstanceUID = "1.2"
+        while not event.is_cancelled and event.assoc.is_established:
+            yield 0xFF00, match
+
+    entity = AE("PACS")
+    for uid in (FIND, GET):
+        entity.add_supported_context(uid)
+    server = entity.start_server(("127.0.0.1", 0), block=False, evt_handlers=[(evt.EVT_C_FIND, tell)])
+    assert server is not None
+    archive = Peer(name="pacs", title="PACS", port=server.server_address[1])
+    monkeypatch.setattr(archives, "MOST_MATCHES", 3)
+    try:
+        with (
+            pytest.raises(InputError, match="pacs has more matches than it tells, or tells no end of them"),
+            open_archive(Config(), archive) as opened,
+        ):
+            opened.find("STUDY", {"StudyInstanceUID": "", "PatientID": "P-1"})
+    finally:
+        server.shutdown()

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import io
-import json
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from copy import deepcopy
 from dataclasses import dataclass
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlparse
@@ -27,6 +26,7 @@ from ronnaplan.node.channels import open_channel
 from ronnaplan.node.config import Config, Limits, Peer
 from ronnaplan.node.pull import Wanted, pull
 from tests.ct import makers
+from tests.node.dicomweb import Answer, is_list, list_of, web_archive
 from tests.node.peers import free_port
 
 PATIENT = Wanted(patient_id="P-1")
@@ -75,45 +75,19 @@ class Web:
         return (b"".join(parts) + self.end)[: -self.cut or None]
 
 
-@contextmanager
-def serving(web: Web) -> Iterator[Peer]:
-    class Handler(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            address = urlparse(self.path)
-            listed = address.path.endswith(("studies", "series", "instances"))
-            self.send_response(200)  # HTTP 1.0: who closes the connection has said all
-            if listed:
-                found, more = web.search(address.path, parse_qs(address.query))
-                body = json.dumps(found).encode()
-                self.send_header("Content-Type", "application/dicom+json; charset=utf-8")
-                if more:
-                    self.send_header("Warning", '299 archive "There are additional results"')
-            else:
-                body = web.retrieve()
-                self.send_header("Content-Type", 'multipart/related; type="application/dicom"; boundary="b"')
-            self.end_headers()
-            self.wfile.write(body)
-
-        def do_POST(self) -> None:
-            self.rfile.read(int(self.headers["Content-Length"]))
+def serving(web: Web) -> AbstractContextManager[Peer]:
+    def reply(asked: BaseHTTPRequestHandler) -> Answer:
+        address = urlparse(asked.path)
+        if asked.command == "POST":
             status, told = web.stored
-            self.send_response(status)
-            self.send_header("Content-Type", "application/dicom+json; charset=utf-8")
-            self.end_headers()
-            self.wfile.write(b"" if told is None else told.to_json().encode())
+            return list_of([])._replace(status=status, content=[b"" if told is None else told.to_json().encode()])
+        if is_list(address.path):
+            found, more = web.search(address.path, parse_qs(address.query))
+            return list_of(found, **({"Warning": '299 archive "There are additional results"'} if more else {}))
+        kind = 'multipart/related; type="application/dicom"; boundary="b"'
+        return Answer(200, {"Content-Type": kind}, [web.retrieve()])
 
-        def log_message(self, *_: object) -> None:
-            pass
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
-    thread.start()
-    try:
-        yield Peer(name="pacs", url=f"http://127.0.0.1:{server.server_address[1]}")
-    finally:
-        server.shutdown()
-        thread.join()
-        server.server_close()
+    return web_archive(reply)
 
 
 def test_a_list_in_pages_is_read_to_its_end(scan: list[Dataset]) -> None:
