@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import threading
+import warnings
 
 from ronnaplan.errors import InputError
 from ronnaplan.jobs.processes import end_with_parent
@@ -12,6 +13,7 @@ from ronnaplan.node.lean import load_pydicom
 
 def main(config_path: str) -> int:
     """Receive and deliver until the parent process closes this one's standard input, or dies."""
+    warnings.simplefilter("ignore")  # of what peers send the log tells, and its lines are JSON
     load_pydicom()
     from ronnaplan.node.config import read_config
     from ronnaplan.node.logs import Log

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import io
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import nullcontext
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
 import pytest
+from pydicom.config import IGNORE
+from pydicom.dataelem import DataElement
 from pydicom.dataset import Dataset
 from pydicom.uid import CTImageStorage
 from pynetdicom import AE, build_role, evt
@@ -30,8 +35,9 @@ from ronnaplan.node.commitment import (
     begin_asking,
     note_report,
 )
+from ronnaplan.node.hub import LISTENER
 from ronnaplan.node.index import Index
-from ronnaplan.node.logs import Log
+from ronnaplan.node.logs import LISTENING, Log
 from ronnaplan.node.sender import Sender
 from ronnaplan.node.series import SeriesWatch
 from ronnaplan.node.steps import PROCEDURE_STEP
@@ -42,11 +48,13 @@ from tests.node.peers import (
     Orthanc,
     associate,
     configuration,
+    free_port,
     listening,
     needs,
     save,
     send,
     until,
+    write_toml,
 )
 from tests.node.test_delivery import delivered, waiting_answer
 from tests.node.test_series import RULE, add, facts, watch
@@ -194,6 +202,32 @@ def test_a_scanner_that_says_it_is_done_completes_its_series(node: Listening, tm
                 index.add(given, f"{k}.dcm", "CT1", "RONNAPLAN", 100.0)
             watched.tick(100.0 + 11.0)  # quiet, but not all there
             assert index.rows("SELECT instances, complete FROM series WHERE complete > 0") == complete
+
+
+@pytest.mark.filterwarnings("ignore:Invalid value for VR UI:UserWarning")  # here, where it is made
+def test_a_step_that_is_told_in_values_that_are_none_leaves_no_warning_among_the_log(tmp_path: Path) -> None:
+    port, begun, item = free_port(), Dataset(), Dataset()
+    begun.PerformedProcedureStepStatus = "IN PROGRESS"
+    done = deepcopy(begun)
+    done.PerformedProcedureStepStatus = "COMPLETED"
+    item.add(DataElement("SeriesInstanceUID", "UI", "none", validation_mode=IGNORE))
+    item.ReferencedImageSequence, done.PerformedSeriesSequence = [Dataset()], [item]
+    receiver = subprocess.Popen(
+        [sys.executable, "-m", LISTENER, str(write_toml(tmp_path, port))],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert receiver.stdout is not None
+    assert LISTENING in receiver.stdout.readline()
+    entity = AE("CT1")
+    entity.add_requested_context(PROCEDURE_STEP)
+    association = associate(entity, port)
+    assert association.send_n_create(begun, PROCEDURE_STEP, "1.2.9")[0].Status == 0
+    assert association.send_n_set(done, PROCEDURE_STEP, "1.2.9")[0].Status == 0
+    association.release()
+    assert receiver.communicate(timeout=60)[1] == ""
 
 
 def test_a_series_that_misses_instances_for_too_long_is_worked_on_all_the_same(
