@@ -93,14 +93,30 @@ def begin(order: Order, tell: Tell) -> Begun:
     """Do what of a job needs the voxels, and make the first answer; `finish` does the rest.
 
     What the others need of the scan is gathered, so that it is gone when they are drawn, which takes room of its own.
-    Raises `RefusedError` where files are gone that were received.
+    Raises `RefusedError` where files are gone that were received, `UnwrittenError` where all that the node keeps is.
     """
+    images = _images_of(order)
+    try:
+        return _begun(order, images, tell)
+    except RonnaplanError:
+        _images_of(order)  # what went while it was read is the reason
+        raise
+
+
+def _images_of(order: Order) -> list[Path]:
+    """Return all files of an order; raises as `begin` does."""
     images = sorted(order.folder.glob("*.dcm"))
     gone = order.instances - len(images)
+    if gone > 0 and not (kept := order.folder.parents[1]).is_dir():
+        raise UnwrittenError(f"the node's folder {kept} is not there; see to its disk")
     if gone > 0:
         raise RefusedError(
             f"{gone} of its {order.instances} files are gone from the node's folder; send it again, then retry"
         )
+    return images
+
+
+def _begun(order: Order, images: list[Path], tell: Tell) -> Begun:
     from ronnaplan.ct.scratch import Scratch
     from ronnaplan.documents.files import make_folder
 

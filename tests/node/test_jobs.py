@@ -20,7 +20,7 @@ import pytest
 from pydicom.dataset import FileDataset
 
 from ronnaplan.documents import dicom_spatial, files
-from ronnaplan.errors import UnwrittenError
+from ronnaplan.errors import InputError, RefusedError, UnwrittenError
 from ronnaplan.jobs.serving import _serve
 from ronnaplan.node import work
 from ronnaplan.node.config import Rule
@@ -229,6 +229,30 @@ def test_an_answer_that_cannot_be_written_now_is_made_later(
     with pytest.raises(OverError):
         _serve(orders, tell, lambda: None, lambda _, tell: work._answer(given, "sr", lambda: made, tell), None)
     assert told == expected
+
+
+@pytest.mark.parametrize("goes", ["before", "while it is read"])
+def test_a_job_whose_files_are_gone_is_refused_and_waits_where_all_of_the_node_s_folder_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, goes: str
+) -> None:
+    kept = tmp_path / "instances"
+    folder = phantom(kept / "1.3" / "1.4.0")
+    given = Order(1, folder, len(list(folder.iterdir())), tmp_path, tmp_path / "answers", Rule(name="r"), ())
+
+    def go(*_: object) -> None:
+        if kept.exists():
+            kept.rename(tmp_path / "moved")
+        raise InputError("a file cannot be read")
+
+    if goes == "before":
+        kept.rename(tmp_path / "moved")
+    monkeypatch.setattr(work, "_find", go)
+    with pytest.raises(UnwrittenError, match="instances is not there; see to its disk"):
+        work.begin(given, lambda *_, **__: None)
+    (tmp_path / "moved").rename(kept)
+    (folder / sorted(folder.iterdir())[0]).unlink()
+    with pytest.raises(RefusedError, match=r"1 of its .* files are gone from the node's folder; send it again"):
+        work.begin(given, lambda *_, **__: None)
 
 
 def test_a_job_of_a_series_that_has_grown_is_not_begun(index: Index, tmp_path: Path) -> None:
