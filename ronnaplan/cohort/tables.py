@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -164,6 +165,8 @@ def _write(path: Path, columns: dict[str, str], rows: Iterator[Row]) -> None:
                 writer.write_table(table)
         replace(beside, path)
     except OSError as error:
+        with suppress(OSError):
+            beside.unlink(missing_ok=True)
         raise InputError(
             f"cannot write {path}: {error}; make room on its disk, then run the same again"
         ) from error

@@ -91,6 +91,7 @@ def test_a_folder_that_cannot_be_used_is_told(tmp_path: Path, monkeypatch: pytes
         patched.setattr(parquet, "ParquetWriter", full)
         with pytest.raises(InputError, match=r"cannot write .*series\.parquet: .*No space left"):
             cohort(tmp_path)
+    assert not list((tmp_path / "out").glob("*.part"))
     with Index(tmp_path / "out") as index:
         index.run("ALTER TABLE series DROP COLUMN reason")  # as another version may have it
     with pytest.raises(
