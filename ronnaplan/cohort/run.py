@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import os
+import shutil
 import signal
 import tempfile
 import threading
@@ -98,8 +99,8 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
 
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # a lost scheduler is told in one sentence
     if scheduler is None:
-        # nor what the end of the cluster, or Ctrl-C, interrupts in the midst of a call
-        for name in ("distributed.worker", "tornado.application"):
+        # nor what the end of the cluster, or Ctrl-C, interrupts in the midst of a call, nor that its folder is gone
+        for name in ("distributed.worker", "distributed.diskutils", "tornado.application"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
         count = workers or cores()
         with warnings.catch_warnings():
@@ -120,6 +121,7 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
             ) as cluster,
             distributed.Client(cluster) as client,
         ):
+            shutil.rmtree(scratch, ignore_errors=True)  # nothing is spilled; a run that is killed would leave it
             try:
                 yield client
             finally:

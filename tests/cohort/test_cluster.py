@@ -111,5 +111,5 @@ def test_a_run_on_this_machine_leaves_no_folder_of_dask_s(tmp_path: Path, monkey
     temporary.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(temporary))
     with run.connected(None, 1):
-        assert list(temporary.iterdir())
+        assert not list(temporary.iterdir())  # nor one that is killed
     assert not list(temporary.iterdir())
