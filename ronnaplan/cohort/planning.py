@@ -26,8 +26,12 @@ def tasks_of(rules: Rules) -> dict[str, Task]:
 def decide(index: Index, rules: Rules, tasks: Mapping[str, Task], *, again: bool = False) -> None:
     """Set the state of every series: what was worked on stays so while its files, settings and version stay.
 
-    A series that was set aside is tried again when its limits change, or ``again`` asks for it.
+    A series that was set aside is tried again when its limits change, or ``again`` asks for it; one of which documents
+    were removed, too.
     """
+    lost = _lost(index)
+    with index.transaction():
+        index.run_many("UPDATE series SET worked_settings = ? WHERE id = ?", [(TO_DO_AGAIN, one) for one in lost])
     troubled = _troubled(index)
     for chunk in _chunks(index, "1"):
         changes = []
@@ -76,6 +80,12 @@ def _troubled(index: Index) -> set[int]:
         " AND (place, folder) IN (SELECT place, folder FROM files WHERE trouble AND name != '')"  # a root lies in none
     )
     return {series for (series,) in rows}
+
+
+def _lost(index: Index) -> set[int]:
+    """Return the series of which a document is no longer there: somebody removed it."""
+    rows = index.each("SELECT series, fiducials, sheet FROM parts")
+    return {series for series, *names in rows if not all((index.folder / name).exists() for name in names if name)}
 
 
 def _state(series: SeriesRow, task: Task, limits: Limits, troubled: bool, again: bool) -> str:

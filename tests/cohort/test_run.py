@@ -106,6 +106,19 @@ def test_only_what_changed_is_done_again(tmp_path: Path, log: Path) -> None:
     assert {row["diameter_mm"] for row in table(tmp_path, "markers")} == {5.0}
 
 
+def test_a_series_whose_documents_were_removed_is_done_again(tmp_path: Path, log: Path) -> None:
+    for name in "67":
+        tiny(tmp_path / "in", name)
+    cohort(tmp_path)
+    before = table(tmp_path)
+    (tmp_path / "out" / before[0]["fiducials"]).unlink()
+    begun(log)
+    assert cohort(tmp_path).worked == 1
+    assert begun(log) == {"6": 1}
+    assert table(tmp_path) == before
+    assert all((tmp_path / "out" / row["fiducials"]).exists() for row in before)
+
+
 def test_a_series_is_flagged_for_files_beside_it_only_while_they_cannot_be_read(tmp_path: Path, log: Path) -> None:
     for name in "67":
         tiny(tmp_path / "in" / name, name)
