@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -177,10 +178,14 @@ class Place:
             yield Met(folder, name, one.size, ""), one
 
     def blob(self, folder: str, name: str, size: int) -> Blob:
-        """Return a file of a root that is no archive, of which parts will be read."""
+        """Return a file of a root that is no archive, of which parts will be read: one of this machine as it is now."""
         if self.is_remote:
             return RemoteFile(self._remote[0], self.path(folder, name), size)
-        return DiskFile(self.path(folder, name), size)
+        path = self.path(folder, name)
+        with suppress(OSError, ValueError):  # who reads it tells
+            status = os.stat(path)  # noqa: PTH116
+            return DiskFile(path, status.st_size, status.st_mtime_ns)
+        return DiskFile(path, size)
 
     def blobs(self, wanted: Iterable[tuple[str, str, int]], skipped: list[Skipped]) -> list[Blob]:
         """Return files (folder, name, size) of one series, which will be read whole."""

@@ -84,7 +84,10 @@ def starts_with(blob: Blob, signature: bytes) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class DiskFile:
-    """A regular file; ``changed_ns`` is when it was last written (ns since 1970), as far as that was looked up."""
+    """A regular file; ``changed_ns`` is when it was last written (ns since 1970), as far as that was looked up.
+
+    It is read as it was then, or not: a header and the pixels of another image would make a slice that never was.
+    """
 
     path: str
     size: int
@@ -110,6 +113,9 @@ class DiskFile:
         descriptor = _open_descriptor(self.path, "it")
         try:
             yield descriptor
+            status = os.fstat(descriptor)
+            if status.st_size != self.size or (self.changed_ns and status.st_mtime_ns != self.changed_ns):
+                raise DamagedError("it was changed since it was listed; read it again when nothing writes to it")
         except OSError as error:
             raise DamagedError(f"it cannot be read ({error.strerror}); see to its disk") from error
         finally:

@@ -15,9 +15,10 @@ from ronnaplan.ct.archives import ZipMember, zip_members
 from ronnaplan.ct.files import DamagedError
 from ronnaplan.ct.folders import blobs_below
 from ronnaplan.ct.limits import DEFAULT_LIMITS
+from ronnaplan.ct.reader import read_found
 from ronnaplan.errors import InputError
 from ronnaplan.portable import is_administrator
-from tests.ct.makers import enhanced, pattern, save, write_series
+from tests.ct.makers import dataset, enhanced, pattern, save, write_series
 
 EXPECTED = np.stack([pattern(k) for k in range(4)]) - 1024
 
@@ -231,6 +232,27 @@ def test_a_path_that_cannot_be_is_refused() -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="links need rights on Windows")
+@pytest.mark.parametrize("longer", [False, True])
+def test_a_slice_that_is_replaced_between_its_header_and_its_pixels_is_refused(
+    tmp_path: Path, longer: bool
+) -> None:
+    folder = write_series(tmp_path)
+    for path in folder.iterdir():
+        os.utime(path, ns=(10**18, 10**18))
+    found = find_series(folder)
+    made = dataset(1)
+    made.PixelData = pattern(7).tobytes()
+    made.SeriesDescription += ".." * longer
+    save(made, folder / "001")
+    if longer:
+        os.utime(folder / "001", ns=(10**18, 10**18))
+    with pytest.raises(
+        InputError, match="001 cannot be read: it was changed since it was listed; read it again when"
+    ):
+        read_found(found)
+    read_ct(folder)
+
+
 def test_each_file_is_met_once_by_whatever_names_and_only_those_of_several_are_remembered(tmp_path: Path) -> None:
     inside, outside = tmp_path / "scans", tmp_path / "elsewhere"
     (inside / "a").mkdir(parents=True)
