@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -15,6 +15,7 @@ from typing import Final
 from ronnaplan.ct import tags
 from ronnaplan.ct.apart import what_it_has
 from ronnaplan.ct.copies import CUT_COPY, without_cut_copies
+from ronnaplan.ct.file_set import INDEX_NAMES, is_index, listed_images
 from ronnaplan.ct.files import Blob, DamagedError, NotDicomError, Skipped, given_path
 from ronnaplan.ct.folders import blobs_below
 from ronnaplan.ct.frames import images_of, lacks_a_file, why_not_scan
@@ -205,19 +206,24 @@ def catalogue_of(
     """List the series in ``blobs``, which lie below ``path``; ``skipped`` are files that were left out before."""
     skipped = list(skipped)
     members: dict[str | None, list[Instance]] = defaultdict(list)
+    listed: dict[str, set[str]] = defaultdict(set)
     ordered = sorted(blobs, key=lambda blob: blob.name)
     for blob in advancing(ordered, len(ordered), progress, "reading headers"):
         instance = read_instance(blob, limits, skipped)
         if instance is not None:
             members[instance.series_uid].append(instance)
-    series = [part for instances in members.values() for part in _parts(instances, kinds)]
+        elif is_index(blob):
+            for uid, images in listed_images(blob, limits).items():
+                listed[uid] |= images
+    series = [
+        part for uid, found in members.items() for part in _parts(found, kinds, listed.get(uid or "", set()))
+    ]
     return Catalogue(path, tuple(series), tuple(skipped))
 
 
 def folder_of_index(path: Path) -> Path:
     """Return the folder that a DICOMDIR file indexes: the files are found by walking, not by the index."""
-    is_index = path.name.upper() in ("DICOMDIR", "DIRFILE")
-    return path.parent if is_index and path.is_file() else path
+    return path.parent if path.name.upper() in INDEX_NAMES and path.is_file() else path
 
 
 def read_instance(blob: Blob, limits: Limits, skipped: list[Skipped]) -> Instance | None:
@@ -238,8 +244,11 @@ def read_instance(blob: Blob, limits: Limits, skipped: list[Skipped]) -> Instanc
     return None
 
 
-def _parts(instances: list[Instance], kinds: Mapping[str, frozenset[str]]) -> list[Series]:
-    """Return one series, or one for each stack in it; files that cannot be part of a stack form an entry too."""
+def _parts(instances: list[Instance], kinds: Mapping[str, frozenset[str]], listed: Set[str]) -> list[Series]:
+    """Return one series, or one for each stack in it; files that cannot be part of a stack form an entry too.
+
+    ``listed`` are the UIDs of the images that an index beside them lists.
+    """
     uid = instances[0].series_uid or ""
     images: list[SliceImage] = []
     outside: dict[str, list[Instance]] = defaultdict(list)
@@ -261,7 +270,7 @@ def _parts(instances: list[Instance], kinds: Mapping[str, frozenset[str]]) -> li
         stacks = [stack.flagged(VolumeFlag.UNREADABLE_FILES) for stack in stacks]
     if any(instance.pixels is not None for files in outside.values() for instance in files):
         stacks = [stack.flagged(VolumeFlag.IMAGES_LEFT_OUT) for stack in stacks]
-    if lacks_a_file(instances):
+    if lacks_a_file(instances) or listed - {one.sop_uid for one in instances}:
         stacks = [stack.flagged(VolumeFlag.MISSING_SLICE) for stack in stacks]
     found: list[tuple[Instance, int, Stack | None, tuple[str, ...]]] = [
         (stack.slices[0].instance, len(stack.slices), stack, (*_problem(stack), *broken)) for stack in stacks

@@ -1,15 +1,18 @@
 import re
+import shutil
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import pydicom.data
 import pytest
-from pydicom.dataset import Dataset
-from pydicom.uid import generate_uid
+from pydicom import dcmread
+from pydicom.dataset import Dataset, FileDataset, FileMetaDataset
+from pydicom.uid import UID, ExplicitVRLittleEndian, generate_uid
 
 from ronnaplan.cohort.places import Fetched
 from ronnaplan.ct import VolumeFlag, find_series, read_ct
-from ronnaplan.ct.catalogue import read_instance
+from ronnaplan.ct.catalogue import DICOMDIR_CLASS, read_instance
 from ronnaplan.ct.files import DamagedError, Skipped
 from ronnaplan.ct.limits import Limits
 from ronnaplan.ct.summary import summarize
@@ -128,6 +131,60 @@ def test_a_file_that_can_be_read_only_once_is_told(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(Fetched, "read", read)
     assert read_instance(blob, Limits(), skipped) is None
     assert [one.is_trouble for one in skipped] == [True]
+
+
+def disc_of(folder: Path) -> Path:
+    """Write a scan with an index of it, whose records stand in another order than its slices."""
+    made, series = FileDataset("", {}, file_meta=FileMetaDataset(), preamble=bytes(128)), Dataset()
+    made.file_meta.MediaStorageSOPClassUID = UID(DICOMDIR_CLASS)
+    made.file_meta.MediaStorageSOPInstanceUID, made.file_meta.TransferSyntaxUID = (
+        UID("1.2"),
+        ExplicitVRLittleEndian,
+    )
+    made.FileSetID, made.DirectoryRecordSequence = "DISC", [series]
+    series.DirectoryRecordType, series.SeriesInstanceUID, series.OffsetOfTheNextDirectoryRecord = (
+        "SERIES",
+        SERIES,
+        0,
+    )
+    for path in write_series(folder, 6).iterdir():
+        image = Dataset()
+        image.DirectoryRecordType, image.ReferencedSOPInstanceUIDInFile = "IMAGE", dcmread(path).SOPInstanceUID
+        made.DirectoryRecordSequence.append(image)
+    for one in made.DirectoryRecordSequence:
+        one.OffsetOfTheNextDirectoryRecord = one.OffsetOfReferencedLowerLevelDirectoryEntity = 0
+    made.save_as(folder / "DICOMDIR")
+    made = dcmread(folder / "DICOMDIR")  # which says where in it the records are
+    series, *images = made.DirectoryRecordSequence
+    series.OffsetOfReferencedLowerLevelDirectoryEntity = images[-1].seq_item_tell
+    for one, before in pairwise(reversed(images)):
+        one.OffsetOfTheNextDirectoryRecord = before.seq_item_tell
+    made.save_as(folder / "DICOMDIR")
+    return folder
+
+
+@pytest.mark.parametrize("packed", [False, True], ids=["folder", "zip"])
+def test_a_slice_that_a_disc_s_index_lists_and_that_is_not_there_is_flagged(tmp_path: Path, packed: bool) -> None:
+    """At the end of a series nothing else tells that some are missing."""
+    disc = disc_of(tmp_path / "disc")
+
+    def flags() -> tuple[VolumeFlag, ...]:
+        return read_ct(shutil.make_archive(str(disc), "zip", disc) if packed else disc).flags
+
+    assert flags() == ()
+    (disc / "005").unlink()
+    assert flags() == (VolumeFlag.MISSING_SLICE,)
+    (disc / "DICOMDIR").write_bytes((disc / "DICOMDIR").read_bytes()[:-200])
+    assert flags() == (VolumeFlag.UNREADABLE_FILES,)
+
+
+def test_an_index_whose_records_go_in_a_circle_ends(tmp_path: Path) -> None:
+    path = disc_of(tmp_path) / "DICOMDIR"
+    made = dcmread(path)
+    images = made.DirectoryRecordSequence[1:]
+    images[0].OffsetOfTheNextDirectoryRecord = images[-1].seq_item_tell
+    made.save_as(path)
+    assert read_ct(path).flags == ()
 
 
 def test_an_index_beside_a_series_is_no_reason_to_doubt_it(tmp_path: Path) -> None:
