@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from ronnaplan import __version__
 from ronnaplan.cohort.index import ASIDE, DONE, LEFT, TEXTS, WAITING, Index, SeriesRow
+from ronnaplan.cohort.listing import NESTED
 from ronnaplan.cohort.rules import Limits, Rules, Task
 from ronnaplan.jobs.rules import first_fitting
 
@@ -77,7 +78,9 @@ def _troubled(index: Index) -> set[int]:
     """Return the series beside whose files, in one folder, something cannot be read: what they are flagged for."""
     rows = index.rows(
         "SELECT DISTINCT series FROM files WHERE series IS NOT NULL"
-        " AND (place, folder) IN (SELECT place, folder FROM files WHERE trouble AND name != '')"  # a root lies in none
+        " AND (place, folder) IN"
+        " (SELECT place, folder FROM files WHERE (trouble OR reason = ?) AND name != '')",  # a root lies in none
+        NESTED,
     )
     return {series for (series,) in rows}
 

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Final
 
 from ronnaplan.ct.archives import starts_as_archive
-from ronnaplan.ct.files import Blob, DamagedError, DiskFile, starts_with
+from ronnaplan.ct.files import Blob, DamagedError, DiskFile, Skipped, starts_with
 from ronnaplan.ct.images import is_image_file
 
+PACKED: Final = "it is packed in a way that is not read; unpack it first"
 _ENDINGS: Final = (".dcm", ".dcm.gz", ".dcm.part")
 """How files are named that are images, were packed by themselves, or did not come whole."""
 _PACKED: Final = (".tar", ".tgz", ".gz", ".bz2", ".xz", ".zst", ".7z", ".rar")
@@ -26,6 +27,11 @@ def is_failed_copy(blob: Blob) -> bool:
     if blob.name.lower().endswith(_ENDINGS):
         return not starts_with(blob, _APPLE_DOUBLE)
     return _is_blank(blob)
+
+
+def is_inner_archive(skipped: Skipped) -> bool:
+    """Whether a file that was left out is a zip archive within another one."""
+    return skipped.reason == PACKED and skipped.name.lower().endswith(".zip")
 
 
 def _is_blank(blob: Blob) -> bool:
@@ -50,4 +56,4 @@ def why_no_dicom(blob: Blob) -> str:
         return "it is an image file or archive; name it by itself"
     if name.endswith(_OTHER_IMAGES):
         return "it is an image in a format that is not read; convert it to NIfTI, NRRD or MetaImage"
-    return "it is packed in a way that is not read; unpack it first" if is_zip or name.endswith(_PACKED) else ""
+    return PACKED if is_zip or name.endswith(_PACKED) else ""

@@ -24,6 +24,7 @@ from ronnaplan.ct.files import DamagedError, given_path
 from ronnaplan.ct.flags import VolumeFlag, Voxels
 from ronnaplan.ct.images import is_image_file, read_image
 from ronnaplan.ct.limits import DEFAULT_LIMITS, GIB, Limits
+from ronnaplan.ct.no_dicom import is_inner_archive
 from ronnaplan.ct.pixels import (
     DoesNotFitError,
     has_bits_above,
@@ -104,7 +105,13 @@ def read_found(
 ) -> CTVolume:
     """Read one of the series that were ``found``; raises `InputError` like `read_ct`."""
     series = found.choose(series_uid)
-    beside = [VolumeFlag.UNREADABLE_FILES] if any(one.is_trouble for one in found.skipped) else []
+    folder = series.first.blob.name.rpartition("/")[0]
+    beside = []
+    if any(
+        one.is_trouble or (is_inner_archive(one) and one.name.rpartition("/")[0] == folder)
+        for one in found.skipped
+    ):
+        beside.append(VolumeFlag.UNREADABLE_FILES)
     if series_uid is None and found.may_mean_another(series):
         beside.append(VolumeFlag.ONLY_USABLE)
     return read_series(series, limits, beside=beside, progress=progress, scratch=scratch)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import select
+import shutil
 import signal
 import subprocess
 import sys
@@ -131,6 +132,15 @@ def test_a_series_is_flagged_for_files_beside_it_only_while_they_cannot_be_read(
         assert begun(log)["6"] == 1
         cohort(tmp_path)
         assert not begun(log)
+
+
+def test_a_series_in_an_archive_is_flagged_for_an_archive_among_its_slices(tmp_path: Path, log: Path) -> None:
+    folder = tiny(tmp_path / "made", "6")
+    (folder / "rest.zip").write_bytes(b"PK\x03\x04")
+    shutil.make_archive(str(tmp_path / "in" / "a"), "zip", folder)
+    cohort(tmp_path)
+    assert [row["scan_flags"] for row in table(tmp_path)] == [["unreadable_files"]]
+    assert begun(log) == {"6": 1}
 
 
 def test_a_run_that_was_killed_goes_on_and_its_table_is_that_of_an_undisturbed_one(

@@ -141,6 +141,16 @@ def test_what_contradicts_the_sum_of_its_archive_is_not_taken_for_pixels(
         member.read(500, 500)
 
 
+@pytest.mark.parametrize(("name", "is_flagged"), [("ct/rest.zip", True), ("viewer/help.zip", False)])
+def test_a_zip_among_slices_in_a_zip_may_hold_others_of_them(tmp_path: Path, name: str, is_flagged: bool) -> None:
+    folder = write_series(tmp_path / "ct")
+    with zipfile.ZipFile(tmp_path / "outer.zip", "w") as outer:
+        for path in folder.iterdir():
+            outer.write(path, f"ct/{path.name}")
+        outer.writestr(name, b"PK\x03\x04")
+    assert read_ct(tmp_path / "outer.zip").flags == ((VolumeFlag.UNREADABLE_FILES,) if is_flagged else ())
+
+
 def test_an_encrypted_member_is_named(tmp_path: Path) -> None:
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w") as archive:
