@@ -115,8 +115,10 @@ class Hub:
 
     def tick(self, now: float, steady: float) -> None:
         """Do what is due at ``now`` (seconds since 1970), ``steady`` by a clock that nobody sets (s)."""
-        if self._listening_since is not None and now - self._last > steady - self._steady + LEAP_S:
-            self._listening_since = now  # nobody could send in a time that never was
+        if now - self._last > steady - self._steady + LEAP_S:  # a time that never was
+            self._foreman.set_clock_ahead((now - self._last) - (steady - self._steady))
+            if self._listening_since is not None:
+                self._listening_since = now  # nobody could send in it
         if now < self._last:  # the clock was set back, maybe before the node started
             self._index.set_clock_back(now)
             self._foreman.set_clock_back(now)

@@ -12,6 +12,8 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -20,6 +22,7 @@ from ronnaplan.errors import InputError
 from ronnaplan.node import hub as hub_module
 from ronnaplan.node.hub import Hub, run_node
 from ronnaplan.node.index import FILE, Index
+from ronnaplan.node.jobs import JobRow, Worker
 from ronnaplan.node.logs import Log
 from tests.ct import makers
 from tests.long import few_and_others
@@ -172,3 +175,16 @@ def test_a_clock_that_leaps_ahead_makes_no_time_a_quiet_one(
             hub.tick(now, steady)
             complete.append(index.value("SELECT complete FROM series"))
         assert complete == [0, 0, 0, 0, 1]
+
+
+def test_a_clock_that_leaps_ahead_ends_no_job_that_has_time_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with hub_of_one(tmp_path, monkeypatch, 1000.0) as (hub, _):
+        killed, times = list[float](), list[float]()
+        child: Any = SimpleNamespace(status=None, kill=lambda: killed.append(times[-1]), end=lambda: None)
+        hub._foreman._workers[0] = Worker(child, job=JobRow(1, 1, 1, "r", "running", 1, 0.0, ""), last=1010.0)
+        for now, steady in ((1000.0, 50.0), (1003.0, 53.0), (4600.0, 53.2), (4606.0, 59.2), (4607.0, 60.2)):
+            times.append(now)
+            hub.tick(now, steady)
+        assert killed == [4607.0]
