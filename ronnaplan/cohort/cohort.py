@@ -69,7 +69,7 @@ def run_cohort(
 
     - a package of the extra ``cohort`` is not installed;
     - a root is not there, holds no images, is ``out``, or lies below another one;
-    - another run has ``out``, nobody can write in it, or its index is damaged;
+    - another run has ``out``, nobody can write in it, its index is damaged, or it is removed meanwhile;
     - there is no last listing, or none of a root that is named;
     - the scheduler is lost.
     """
@@ -101,6 +101,8 @@ def run_cohort(
         if waiting:
             with connected(scheduler, workers) as client:
                 work_off(client, index, out, rules, tasks, module=module, progress=progress)
+        if not (out / FILE).exists():  # tables would tell of documents that are gone
+            raise InputError(f"{printable(out)} was removed while the run wrote to it; run the same again")
         write_tables(index, out)
         write_page(index, out)
         return _counts(index, rules, listed, waiting)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sqlite3
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import pytest
 
 from ronnaplan.cli import main
+from ronnaplan.cohort import cohort as cohort_module
 from ronnaplan.cohort.cohort import Counts, run_cohort
 from ronnaplan.cohort.index import FILE, Index
 from ronnaplan.cohort.rules import CohortRule, Rules
@@ -104,6 +106,15 @@ def test_a_folder_that_cannot_be_used_is_told(tmp_path: Path, monkeypatch: pytes
     (tmp_path / "out" / "cohort.lock").unlink()
     (tmp_path / "out" / "cohort.lock").mkdir()
     with pytest.raises(InputError, match=r"cannot write .*cohort\.lock"):
+        cohort(tmp_path)
+
+
+def test_a_folder_that_is_removed_while_a_run_writes_to_it_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tiny(tmp_path / "in", "6")
+    monkeypatch.setattr(cohort_module, "work_off", lambda *_, **__: shutil.rmtree(tmp_path / "out"))
+    with pytest.raises(InputError, match="out was removed while the run wrote to it; run the same again"):
         cohort(tmp_path)
 
 
