@@ -163,5 +163,5 @@ def _no_copy(instance: Instance, what: str, error: Exception) -> InputError:
     """Return why ``what`` is not copied: in the words of pydicom, but for the value, which may name somebody."""
     reason = printable(str(error).partition("\n")[0].partition(": ")[0])  # it goes on with a traceback
     return InputError(
-        f"{printable(instance.blob.name)} has a {what} that cannot be copied ({reason}); correct its header"
+        f"the {what} of {printable(instance.blob.name)} cannot be copied ({reason}); correct its header"
     )

@@ -162,7 +162,7 @@ def test_a_name_that_is_none_is_not_copied_and_stands_in_no_message(tmp_path: Pa
         made.PatientName = "Doe=Jane=J=D"
 
     ct = makers.write_series(tmp_path / "ct", change=change)
-    says = r"has a PatientName that cannot be copied \(The number .*\); correct its header"
+    says = r"the PatientName of \S+ cannot be copied \(The number .*\); correct its header"
     with pytest.raises(InputError, match=says) as refused:
         exported(document(tmp_path, "fiducials"), ct)
     assert "Doe" not in str(refused.value)
@@ -224,7 +224,7 @@ def test_an_unknown_character_set_costs_only_the_words_whose_letters_it_decides(
         restate(path)
     made = exported(document(tmp_path, "fiducials"), plain)
     assert (made.PatientName, made.PatientID, made.StudyDescription) == ("Doe^Jane", "4711", "")
-    says = r"has a PatientName that cannot be copied \(letters of an unknown character set\); correct its header"
+    says = r"the PatientName of \S+ cannot be copied \(letters of an unknown character set\); correct its header"
     with pytest.raises(InputError, match=says):
         exported(document(tmp_path, "fiducials"), accented)
 

@@ -61,7 +61,7 @@ def test_why_no_patient_is_told_is_said_without_folder_and_options_of_commands(t
 
     folder = write_series(tmp_path / "1.2.3.1" / "1.2.3.2", 4, change)
     source = Source(study_instance_uid=STUDY, series_instance_uid=SERIES, frame_of_reference_uid=FRAME)
-    with pytest.raises(InputError, match=r"^000 has a PatientName that cannot .*; correct its header$"):
+    with pytest.raises(InputError, match=r"^the PatientName of 000 cannot be copied .*; correct its header$"):
         patient_received(folder, source, print)
 
 
