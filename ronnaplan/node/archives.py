@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 from pydicom.dataset import Dataset
 
 from ronnaplan.errors import InputError, RonnaplanError
-from ronnaplan.node.arrivals import Arrivals
+from ronnaplan.node.arrivals import MOST_INSTANCES, Arrivals
 from ronnaplan.node.config import Config, Peer
 from ronnaplan.node.matches import LEVELS, fitting
 from ronnaplan.node.web import AS_STORED, is_unacceptable, unreached, web_client
@@ -25,9 +25,8 @@ FIND = "1.2.840.10008.5.1.4.1.2.2.1"
 GET = "1.2.840.10008.5.1.4.1.2.2.3"
 MOVE = "1.2.840.10008.5.1.4.1.2.2.2"
 PENDING = (0xFF00, 0xFF01)
-MOST_MATCHES: Final = 100_000
 MOST_PAGES: Final = 1_000
-"""No archive has so many that fit a question for one day or patient, nor tells them in so many pieces."""
+"""No archive tells what fits a question in so many pieces."""
 RARE_CLASS = "; should it hold what is asked for seldom, try --by move or DICOMweb"
 """What to do where C-GET fails, for which not all classes can be agreed on."""
 
@@ -120,7 +119,7 @@ class _Dimse:
             code = status.get("Status")
             if code in PENDING:
                 before.append(found)
-                if len(before) > MOST_MATCHES:
+                if len(before) > MOST_INSTANCES:
                     self._association.abort()  # it would go on
                     raise _more_than_told(self._peer)
             elif code != 0:
@@ -154,7 +153,7 @@ class _Web:
                 found.setdefault(str(one[LEVELS[level]].value), one)
             if len(found) == known and not self._heard.has_more:
                 return list(found.values())
-            if len(found) == known or len(found) > MOST_MATCHES:
+            if len(found) == known or len(found) > MOST_INSTANCES:
                 break
         raise _more_than_told(self._peer)
 
@@ -176,9 +175,7 @@ class _Web:
             instances = [self._client.retrieve_instance(*uids, **told)]
         else:
             instances = (self._client.iter_study, self._client.iter_series)[len(uids) - 1](*uids, **told)
-        for number, instance in enumerate(instances):
-            if number > MOST_MATCHES:
-                raise InputError(f"{self._peer.name} sends no end of instances; check its address")
+        for instance in instances:
             file = io.BytesIO()
             instance.save_as(file, enforce_file_format=True)
             self._kept.keep(instance.SOPInstanceUID, file.getvalue())

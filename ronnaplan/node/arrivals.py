@@ -13,8 +13,16 @@ from ronnaplan.errors import InputError, RonnaplanError
 from ronnaplan.node.facts import UID, read_facts
 from ronnaplan.text import printable
 
+MOST_INSTANCES: Final = 100_000
+"""No archive has so many of one study, nor lists so many that fit a question for one day or patient."""
+MOST_COPIES: Final = 100
+"""Instances that may come again; of a study of more as many as it has."""
 TAKEN: Final = 0x0000
 NOT_TAKEN: Final = 0xA700
+
+
+class EndlessError(InputError):
+    """An archive sends more than there can be."""
 
 
 class Arrivals:
@@ -24,14 +32,14 @@ class Arrivals:
         self._folder = Path()
         self._uids: tuple[str, ...] = ()
         self._paths: dict[str, Path] = {}
-        self._trouble = ""
+        self._trouble, self._copies = "", 0
         self._changed = threading.Condition()
 
     def expect(self, uids: Sequence[str], folder: Path) -> None:
         """From now on keep, in ``folder``, what belongs to ``uids``: a study, its series, its instance."""
         with self._changed:
             self._folder, self._uids = folder, tuple(uids)
-            self._paths, self._trouble = {}, ""
+            self._paths, self._trouble, self._copies = {}, "", 0
 
     def take(self, event: Any) -> int:
         """Keep an instance that comes by C-STORE; return its status."""
@@ -39,6 +47,11 @@ class Arrivals:
             self.keep(event.request.AffectedSOPInstanceUID, event.encoded_dataset())
         except (RonnaplanError, OSError) as error:
             self._trouble = self._trouble or str(error)
+            if isinstance(error, EndlessError):
+                event.assoc.abort()
+                event.assoc.dimse.msg_queue.put(
+                    (None, None)
+                )  # who asked waits for an answer, which would never come
             return NOT_TAKEN
         return TAKEN
 
@@ -49,6 +62,9 @@ class Arrivals:
                 f"an instance has the UID '{printable(sop_uid, 80)}'; expected up to 64 digits and points"
             )
         with self._changed:
+            self._copies += str(sop_uid) in self._paths
+            if self._copies > max(MOST_COPIES, len(self._paths)) or len(self._paths) > MOST_INSTANCES:
+                raise EndlessError("instances come without end; fetch less, or see to the archive")
             path = self._folder / f"{sop_uid}.dcm"
             write_atomically(path, content)
             try:

@@ -7,7 +7,9 @@ import struct
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from pathlib import Path
 from threading import Event, Thread
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +18,6 @@ from pydicom.uid import CTImageStorage
 from pynetdicom import AE, evt
 
 from ronnaplan.errors import InputError
-from ronnaplan.node import archives
 from ronnaplan.node.archives import FIND, GET, open_archive
 from ronnaplan.node.association import associated
 from ronnaplan.node.config import Config, Limits, Peer
@@ -172,25 +173,47 @@ def test_who_is_interrupted_does_not_wait_for_an_archive_that_is_busy() -> None:
     assert time.monotonic() - begun < Limits().silent_s / 2
 
 
-def test_an_archive_that_tells_matches_without_end_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    def tell(event: evt.Event) -> Iterator[tuple[int, Dataset | None]]:
-        match = Dataset()
-        match.StudyInstanceUID = "1.2"
-        while not event.is_cancelled and event.assoc.is_established:
-            yield 0xFF00, match
+@pytest.mark.parametrize(
+    ("asked", "ask", "bound", "says"),
+    [
+        (
+            evt.EVT_C_FIND,
+            lambda archive, _: archive.find("STUDY", {"StudyInstanceUID": ""}),
+            "archives.MOST_INSTANCES",
+            "has more matches than it tells, or tells no end of them",
+        ),
+        (
+            evt.EVT_C_GET,
+            lambda archive, folder: archive.fetch([makers.STUDY], folder),
+            "arrivals.MOST_COPIES",
+            "sent what is not kept: instances come without end",
+        ),
+    ],
+    ids=["C-FIND", "C-GET"],
+)
+def test_an_archive_that_tells_matches_or_sends_instances_without_end_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, asked: Any, ask: Any, bound: str, says: str
+) -> None:
+    match = Dataset()
+    match.StudyInstanceUID = makers.STUDY
+
+    def endless(event: evt.Event) -> Iterator[Any]:
+        if asked is evt.EVT_C_GET:
+            yield 100
+        while event.assoc.is_established:
+            yield 0xFF00, makers.dataset(0) if asked is evt.EVT_C_GET else match
 
     entity = AE("PACS")
-    for uid in (FIND, GET):
-        entity.add_supported_context(uid)
-    server = entity.start_server(("127.0.0.1", 0), block=False, evt_handlers=[(evt.EVT_C_FIND, tell)])
+    for uid in (FIND, GET, CTImageStorage):
+        entity.add_supported_context(uid, scu_role=True, scp_role=True)
+    server = entity.start_server(("127.0.0.1", 0), block=False, evt_handlers=[(asked, endless)])
     assert server is not None
     archive = Peer(name="pacs", title="PACS", port=server.server_address[1])
-    monkeypatch.setattr(archives, "MOST_MATCHES", 3)
+    monkeypatch.setattr(f"ronnaplan.node.{bound}", 3)
+    begun = time.monotonic()
     try:
-        with (
-            pytest.raises(InputError, match="pacs has more matches than it tells, or tells no end of them"),
-            open_archive(Config(), archive) as opened,
-        ):
-            opened.find("STUDY", {"StudyInstanceUID": "", "PatientID": "P-1"})
+        with pytest.raises(InputError, match=f"pacs {says}"), open_archive(Config(), archive) as opened:
+            ask(opened, tmp_path)
     finally:
         server.shutdown()
+    assert time.monotonic() - begun < Limits().silent_s / 2

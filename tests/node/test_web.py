@@ -19,7 +19,7 @@ import pytest
 from pydicom.dataset import Dataset
 
 from ronnaplan.errors import InputError
-from ronnaplan.node import archives, web_answers
+from ronnaplan.node import archives, arrivals, web_answers
 from ronnaplan.node.archives import open_archive
 from ronnaplan.node.config import Config, Peer
 from ronnaplan.node.pull import Wanted, pull
@@ -152,7 +152,7 @@ def test_a_list_that_never_ends_is_not_waited_for(monkeypatch: pytest.MonkeyPatc
         found(lambda _: list_of([])._replace(content=blanks))
 
 
-@pytest.mark.parametrize("bound", ["MOST_PAGES", "MOST_MATCHES"])
+@pytest.mark.parametrize("bound", ["MOST_PAGES", "MOST_INSTANCES"])
 def test_an_archive_that_has_new_matches_on_every_page_is_not_asked_for_ever(
     bound: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -171,8 +171,8 @@ def test_an_archive_that_has_new_matches_on_every_page_is_not_asked_for_ever(
 def test_an_archive_that_sends_an_instance_again_and_again_is_not_heard_for_ever(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(archives, "MOST_MATCHES", 3)
-    with pytest.raises(InputError, match="pacs sends no end of instances"):
+    monkeypatch.setattr(arrivals, "MOST_COPIES", 3)
+    with pytest.raises(InputError, match="instances come without end; fetch less, or see to the archive"):
         pulled(parts(repeat(PART[:-2] + b"\r\n")), tmp_path)
 
 
