@@ -53,7 +53,8 @@ class Heard:
             pieces = _within(pieces, self._largest_bytes if is_instance else LONGEST_LIST, self._name)
             if head.get_content_maintype() == "application":  # the client knows no parameters, such as a charset
                 response.headers["Content-Type"] = head.get_content_type()
-        response.iter_content = lambda *_, **__: pieces  # type: ignore[method-assign]
+        ended = _ended(pieces, response.raw)
+        response.iter_content = lambda *_, **__: ended  # type: ignore[method-assign]
 
     def _require_instances(self, response: Response) -> None:
         """Raise `InputError` for an answer of nothing to who asked for instances, as 204 is."""
@@ -83,7 +84,13 @@ def _pieces(raw: HTTPResponse, archive: str) -> Iterator[bytes]:
             yield piece
     except HTTPError as error:
         raise GoneError(error) from error
-    finally:  # of one that is given up nothing more is awaited
+
+
+def _ended(pieces: Iterator[bytes], raw: HTTPResponse) -> Iterator[bytes]:
+    """Yield all of them, and end the connection: of an answer that is given up nothing more is awaited."""
+    try:
+        yield from pieces
+    finally:
         raw.close()
 
 
