@@ -140,7 +140,9 @@ SHORT: dict[str, tuple[Callable[[], Any], str]] = {
         "Measures(Trajectory(left: (",
     ),
     "a tool's tip": (
-        lambda: PivotCalibration(POINTS[0], np.eye(3) / 300, POINTS[1], np.eye(3), np.ones(3), NONE, 0.1, NONE),
+        lambda: PivotCalibration(
+            POINTS[0], np.eye(3) / 300, POINTS[1], np.eye(3), np.ones(3), NONE, 0.1, NONE, NONE
+        ),
         "PivotCalibration(tip at (60.0, 0.0, 20.0) mm, error 0.1 mm RMS, by 3 of 3 poses, 1 mm RMS left)",
     ),
     "many registrations": (

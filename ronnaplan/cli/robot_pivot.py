@@ -41,6 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     tell(
         f"tip {x:.3f} {y:.3f} {z:.3f} mm, standard errors {errors[0]:.3f} {errors[1]:.3f} {errors[2]:.3f} mm",
         f"{found.rms_mm:.3f} mm RMS about the pivot over {kept}{len(poses)} poses"
-        + (f"; left out as slipped: frames {slips}" if slips else ""),
+        + (f"; left out as slipped: frames {slips}" if slips else "")
+        + (f"; left out of a tool held still: {found.rested.sum()}" if found.rested.any() else ""),
     )
     return 0

@@ -14,15 +14,13 @@ from numpy.typing import NDArray
 
 from ronnaplan.geometry import FloatArray
 from ronnaplan.robot.pivot import FEWEST_FOR_SCATTER
-from ronnaplan.robot.scatter import robust_sd, too_long_for_direction
+from ronnaplan.robot.scatter import MOST_WRONG, robust_sd, too_long_for_direction
 from ronnaplan.robot.twists import apart
 from ronnaplan.text import listed, runs
 from ronnaplan.transforms import invert, nearest_rotations, rigid
 
 FINEST = (1e-9, 1e-6)
 """No tracker errs less, in rad and mm; poses without errors are taken to err by so much."""
-MOST_WRONG = 1 / 3
-"""Of more that are far off it is open whether they are wrong or the others, as where something was moved."""
 FEWEST_TO_SHIFT, MUCH_BETTER = 20, 0.8
 """Of so many poses those of the robot are tried one earlier and one later. Where they move little from one to the next
 it changes nothing; where it makes the angles left smaller than this share, they are not of the same moments."""
@@ -69,7 +67,10 @@ def far_off(seen: FloatArray, driven: FloatArray) -> NDArray[np.bool_]:
         return np.zeros(len(seen), dtype=bool)
     in_tool = _left(seen, driven)
     in_tracker = in_tool @ seen[:, :3, :3].swapaxes(1, 2)
-    of_each = [too_long_for_direction((in_tool[:, n], in_tracker[:, n]), least) for n, least in enumerate(FINEST)]
+    usual = np.ones(len(seen), dtype=bool)
+    of_each = [
+        too_long_for_direction((in_tool[:, n], in_tracker[:, n]), least, usual) for n, least in enumerate(FINEST)
+    ]
     return np.asarray(np.any(of_each, axis=0))
 
 

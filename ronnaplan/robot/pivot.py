@@ -3,7 +3,8 @@
 Every pose gives ``rotation @ tip + translation = pivot``. Slips are told from the fit that minimizes the sum of the
 residuals' *lengths* (the spatial median's criterion), which is convex and lets no pose pull harder than another. The
 other poses are fitted by least squares; places and orientations may drift steadily. Trackers filter their poses, so
-residuals are correlated in time, and the covariance counts that.
+residuals are correlated in time, and the covariance counts that. Of a tool that is held still few poses count: they
+err alike, and less than those that move, which so many poses of one error would make slips.
 """
 
 from __future__ import annotations
@@ -18,14 +19,18 @@ from ronnaplan.geometry import FloatArray, rms_mm
 from ronnaplan.pose import as_poses, as_stack, first_told
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
 from ronnaplan.robot.misread import misread_as
-from ronnaplan.robot.scatter import robust_sd, too_long, too_long_for_direction
+from ronnaplan.robot.scatter import MOST_WRONG, robust_sd, too_long, too_long_for_direction
 from ronnaplan.text import counted, place, successive
 from ronnaplan.transforms import cross_matrix
 
 FEWEST_FOR_SCATTER = 10
 """Of fewer the scatter is not known, however often each is repeated."""
 SMALLEST_TURN_DEG = 5.0
-"""RMS turn of the tool's axis that turns least, which the poses need: below it the tip along it is not determined."""
+"""RMS turn of the tool's axis that turns least, which the poses need: below it the tip along it is not determined.
+
+Successive poses that turn by less from the first of them are of one rest."""
+LARGEST_REST = 0.1
+"""No rest counts for a larger share of the poses that count, unless it is of `FEWEST_FOR_SCATTER` or fewer."""
 LARGEST_RMS_MM = 10.0
 """A tip whose places scatter by more did not rest in a divot, or the poses are no tool's: no tracker errs so much."""
 LONGEST_TOOL_MM = 800.0
@@ -61,6 +66,8 @@ class PivotCalibration:
     """Robust standard deviation per axis of the tip's scatter about the pivot."""
     repeated: np.ndarray[tuple[int], np.dtype[np.bool_]]
     """Which poses (N,) were left out, because they are an earlier one to the last digit."""
+    rested: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    """Which poses (N,) were left out, because the tool was held still and others of that rest count."""
 
     def __repr__(self) -> str:
         error_mm = rms_mm(self.tip_covariance_mm2)
@@ -70,7 +77,7 @@ class PivotCalibration:
     @property
     def kept(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
         """Which poses (N,) count."""
-        return ~(self.slipped | self.repeated)
+        return ~(self.slipped | self.repeated | self.rested)
 
     @property
     def rms_mm(self) -> float:
@@ -98,7 +105,7 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
 
     Raises `InputError` for a matrix that is no pose (left-handed, scaled, not finite), for poses in metres, for fewer
     than ten different ones, and for such as turn the tool too little, or about one axis only; `RefusedError` where no
-    tip rested, or it lies where no tool's is.
+    tip rested, or in those alone between which the tool hardly turned, or it lies where no tool's is.
     """
     offered = as_stack(poses, "pivot poses")
     told, which = first_told(offered)
@@ -110,11 +117,13 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
             "turn the tool about the divot to all sides while it is recorded"
         )
     matrices = as_poses(offered, "pivot pose")[told]
-    _require_turning(matrices[:, :3, :3])
+    telling = _beside_rests(matrices[:, :3, :3])
+    _require_turning(matrices[telling, :3, :3])
     design, shift = _equations(matrices)
     rotation, still = design[..., :3], design[..., 3:]
-    kept, steady = _without_slips(design, shift)
-    sd_mm = robust_sd(np.linalg.norm(design @ steady - shift, axis=1), SOFTENING_MM)
+    slipped, steady = _slips(design, shift, telling)
+    kept = telling & ~slipped
+    sd_mm = robust_sd(np.linalg.norm(design @ steady - shift, axis=1)[telling], SOFTENING_MM)
     levers = cross_matrix(rotation @ (steady[:3] / max(float(np.linalg.norm(steady[:3])), SOFTENING_MM)))
     time = np.linspace(-1, 1, len(matrices))[:, None, None]
     design = np.concatenate([design / sd_mm, time * still, time * levers, time * rotation], axis=2)
@@ -129,9 +138,10 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
         pivot_mm=solution[3:6],
         pivot_covariance_mm2=covariance[3:6, 3:6],
         residuals_mm=length[which],
-        slipped=~kept[which] & ~repeated,
-        sd_mm=robust_sd(length, 0.0),
+        slipped=slipped[which] & ~repeated,
+        sd_mm=robust_sd(length[telling], 0.0),
         repeated=repeated,
+        rested=~(telling | slipped)[which] & ~repeated,
     )
     _require_tip(found, matrices)
     return found
@@ -188,22 +198,53 @@ def _require_tip(found: PivotCalibration, poses: FloatArray) -> None:
         )
 
 
-def _without_slips(
-    design: FloatArray, shift: FloatArray
+def _beside_rests(rotations: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Return which poses of ``rotations`` (N, 3, 3) count where no rest is more than `LARGEST_REST` of them.
+
+    They lie evenly in each rest.
+    """
+    begins = [0]
+    for n, rotation in enumerate(rotations):  # the trace of the turn between them is the sum of products
+        turned = 2 * np.cos(np.radians(SMALLEST_TURN_DEG)) + 1 > (rotation * rotations[begins[-1]]).sum()
+        begins += [n] if turned else []
+    counts = np.diff([*begins, len(rotations)])
+    most = int(counts.max())
+    while most > max(FEWEST_FOR_SCATTER, LARGEST_REST * np.minimum(counts, most).sum()):
+        most -= 1
+    telling = np.zeros(len(rotations), dtype=bool)
+    for begin, count in zip(begins, counts, strict=True):
+        telling[begin + np.linspace(0, count - 1, min(count, most)).round().astype(int)] = True
+    return telling
+
+
+def _slips(
+    design: FloatArray, shift: FloatArray, telling: np.ndarray[tuple[int], np.dtype[np.bool_]]
 ) -> tuple[np.ndarray[tuple[int], np.dtype[np.bool_]], FloatArray]:
-    """Return which poses (N,) did not slip, and the tip and the pivot (6,) that they tell."""
-    kept = np.ones(len(design), dtype=bool)
-    solution = _least_lengths(design, shift)
+    """Return which poses (N,) slipped, and the tip and pivot (6,), told by those ``telling`` (N,) that did not.
+
+    Raises `RefusedError` where these are too few, or the tool hardly turned in them.
+    """
+    slipped = np.zeros(len(design), dtype=bool)
+    solution = _least_lengths(design[telling], shift[telling])
     for far in (too_long, too_long_for_direction):  # many slips one way would be taken for the shape of the others
         for _ in range(MAXIMUM_ITERATIONS):
             in_tracker = design @ solution - shift
             in_tool = (in_tracker[:, None] @ design[..., :3])[:, 0]
-            closer = ~far((in_tracker, in_tool), SOFTENING_MM)
-            if (closer == kept).all():
+            farther = far((in_tracker, in_tool), SOFTENING_MM, telling)
+            if (farther == slipped).all():
                 break
-            kept = closer
-            solution = _least_lengths(design[kept], shift[kept])
-    return kept, solution
+            slipped = farther
+            solution = _least_lengths(design[telling & ~slipped], shift[telling & ~slipped])
+    count, of_all = int((telling & slipped).sum()), int(telling.sum())
+    turn_deg = _turn_deg(design[telling & ~slipped, :, :3])
+    if count > MOST_WRONG * of_all or turn_deg < SMALLEST_TURN_DEG:
+        raise RefusedError(
+            f"the tips of {count} of {of_all} poses lie apart from the others', which turn the tool by "
+            f"{turn_deg:.2g} degrees RMS in their weakest direction; expected a third or fewer, and "
+            f"{SMALLEST_TURN_DEG:g} degrees: else it is open which slipped; record anew, with the tip in the divot "
+            "from the first pose to the last"
+        )
+    return slipped, solution
 
 
 def _least_lengths(design: FloatArray, shift: FloatArray) -> FloatArray:
@@ -213,7 +254,8 @@ def _least_lengths(design: FloatArray, shift: FloatArray) -> FloatArray:
     for _ in range(MAXIMUM_ITERATIONS):
         weighted = design * weight[:, None, None]
         normal = np.einsum("nij,nik->jk", weighted, design)
-        update = np.linalg.solve(normal, np.einsum("nij,ni->j", weighted, shift))
+        pulled = np.einsum("nij,ni->j", weighted, shift)
+        update = np.linalg.lstsq(normal, pulled, rcond=None)[0]  # of poses at rest alone, too
         done = np.abs(update - solution).max() < CONVERGED_MM
         solution = update
         if done:
@@ -224,12 +266,17 @@ def _least_lengths(design: FloatArray, shift: FloatArray) -> FloatArray:
 
 def _require_turning(rotations: FloatArray) -> None:
     """Raise `InputError` unless poses (N, 3, 3) turn each axis of the tool, and so about two axes at least."""
+    turn_deg = _turn_deg(rotations)
+    if turn_deg < SMALLEST_TURN_DEG:
+        raise InputError(
+            f"the pivot poses turn the tool by {turn_deg:.2g} degrees RMS in their weakest direction, expected "
+            f"{SMALLEST_TURN_DEG:g} or more; tilt it by 30 degrees or more about two axes while the tip rests"
+        )
+
+
+def _turn_deg(rotations: FloatArray) -> float:
+    """Return the RMS turn of the axis of the tool that poses of ``rotations`` (N, 3, 3) turn least."""
     off = rotations - rotations.mean(axis=0)
     information = np.einsum("nij,nik->jk", off, off)
     weakest = float(np.linalg.eigvalsh(information)[0]) / len(rotations)
-    spread = float(np.degrees(np.sqrt(max(weakest, 0.0))))
-    if spread < SMALLEST_TURN_DEG:
-        raise InputError(
-            f"the pivot poses turn the tool by {spread:.2g} degrees RMS in their weakest direction, expected "
-            f"{SMALLEST_TURN_DEG:g} or more; tilt it by 30 degrees or more about two axes while the tip rests"
-        )
+    return float(np.degrees(np.sqrt(max(weakest, 0.0))))

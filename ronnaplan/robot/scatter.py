@@ -12,6 +12,8 @@ from ronnaplan.robot.by_pose_likelihood import of_volume_one
 
 SLIP_SDS = 6.0
 """What is longer than this many robust standard deviations (per axis) is far off."""
+MOST_WRONG = 1 / 3
+"""Of more that are far off it is open whether they are wrong or the others, as where something was moved."""
 MAXWELL_MEDIAN = 1.5382
 """Median length of a 3D normal vector of unit standard deviation per axis."""
 FEWEST_FOR_DIRECTIONS = 24
@@ -25,22 +27,26 @@ def robust_sd(lengths: FloatArray, least: float) -> float:
     return max(float(np.median(lengths)) / MAXWELL_MEDIAN, least)
 
 
-def too_long(errors: Sequence[FloatArray], least: float) -> NDArray[np.bool_]:
-    """Return which of the same ``errors``, each (N, 3) in axes of its own, are longer than is usual."""
+def too_long(errors: Sequence[FloatArray], least: float, usual: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which of the same ``errors``, each (N, 3) in axes of its own, are longer than those ``usual`` (N,) are."""
     length = np.linalg.norm(errors[0], axis=1)
-    return np.asarray(length > SLIP_SDS * robust_sd(length, least))
+    return np.asarray(length > SLIP_SDS * robust_sd(length[usual], least))
 
 
-def too_long_for_direction(errors: Sequence[FloatArray], least: float) -> NDArray[np.bool_]:
-    """Return which of the same ``errors``, each (N, 3) in axes of its own, are longer than is usual in their direction.
+def too_long_for_direction(
+    errors: Sequence[FloatArray], least: float, usual: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return which of ``errors``, each (N, 3) in axes of its own, are longer than those ``usual`` (N,) in a direction.
 
     Where one axis errs most, as a tracker's depth, six deviations of all together are less than three of that one, and
-    far more than six of the others. What is not too long tells the shape, in those axes in which it is likelier.
+    far more than six of the others. What of the usual is not too long tells the shape, in those axes in which it is
+    likelier.
     """
-    long = too_long(errors, least)
-    shaped = sorted((_alike(one, ~long) for one in errors), key=lambda one: _spread(one[~long]))
-    far = [too_long((one,), least) for one in shaped]
-    return far[0] if len(long) >= FEWEST_FOR_DIRECTIONS else np.asarray(np.all([long, *far], axis=0))
+    long = too_long(errors, least, usual)
+    told = usual & ~long
+    shaped = sorted((_alike(one, told) for one in errors), key=lambda one: _spread(one[told]))
+    far = [too_long((one,), least, usual) for one in shaped]
+    return far[0] if usual.sum() >= FEWEST_FOR_DIRECTIONS else np.asarray(np.all([long, *far], axis=0))
 
 
 def _alike(errors: FloatArray, counted: NDArray[np.bool_]) -> FloatArray:

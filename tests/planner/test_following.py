@@ -33,16 +33,8 @@ TIP_MM = np.array([1.0, -2.0, 90.0])
 def state(storage: Storage) -> PlannerState:
     """A registered case with a calibrated pointer."""
     cases.write_case(storage.plan.parent)
-    touched = PivotCalibration(
-        TIP_MM,
-        np.eye(3),
-        np.zeros(3),
-        np.eye(3),
-        np.zeros(20),
-        np.zeros(20, dtype=bool),
-        0.1,
-        np.zeros(20, dtype=bool),
-    )
+    none = np.zeros(20, dtype=bool)
+    touched = PivotCalibration(TIP_MM, np.eye(3), np.zeros(3), np.eye(3), np.zeros(20), none, 0.1, none, none)
     storage.plan.with_name("pivot.json").write_text(to_json(pivot_document(touched, "pointer")))
     return PlannerState(cases.volume(), storage)
 

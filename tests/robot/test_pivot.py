@@ -76,6 +76,41 @@ def test_a_tracker_that_errs_most_in_depth_slips_nowhere_and_hides_no_slip_acros
     np.testing.assert_array_equal(np.flatnonzero(calibrate_pivot(poses).slipped), np.arange(30, 36))
 
 
+def with_rest(seed: int, count: int, off_mm: float = 0.0) -> np.ndarray:
+    """Poses that err by 0.3 mm, of which the first, 0.005 mm, are of a tool held still."""
+    poses = recording(seed, 200)
+    rest = np.repeat(recording(seed, 200, 0.0)[:1], count, axis=0)
+    rest[:, :3, 3] += 0.005 * np.random.default_rng(seed).normal(size=(count, 3)) + (0.6 * off_mm, 0.8 * off_mm, 0)
+    return np.concatenate([rest, poses])
+
+
+def test_a_tool_held_still_makes_no_slips_of_the_poses_that_move() -> None:
+    """A rest of half the poses left a tip 0.2 m off, and told an error of millimetres."""
+    poses = with_rest(8, 400)
+    found = calibrate_pivot(poses)
+    assert not found.slipped.any()
+    assert found.rested.sum() > 370
+    assert not found.rested[400:].any()
+    error = found.tip_mm - TIP
+    assert error @ np.linalg.solve(found.tip_covariance_mm2, error) < 11.3  # 99 % of three dimensions
+    assert found.sd_mm == pytest.approx(0.3, rel=0.2)
+
+
+def test_a_tool_held_still_outside_the_divot_is_named_as_slipped() -> None:
+    found = calibrate_pivot(with_rest(9, 400, off_mm=8.0))
+    np.testing.assert_array_equal(np.flatnonzero(found.slipped), np.arange(400))
+    assert np.linalg.norm(found.tip_mm - TIP) < 0.3
+
+
+def test_where_half_of_the_tips_lie_elsewhere_none_are_taken() -> None:
+    poses = recording(10)
+    poses[250:, :3, 3] += (6.0, -4.0, 5.0)
+    with pytest.raises(
+        RefusedError, match=r"the tips of \d+ of 600 poses lie apart from the others'.*record anew"
+    ):
+        calibrate_pivot(poses)
+
+
 def noisy(kind: str, rng: np.random.Generator, count: int) -> np.ndarray:
     """Noise (count, 3) of about 0.3 mm: without memory, as a filter leaves it, or drifting over the recording."""
     white = 0.3 * rng.normal(size=(count, 3))
