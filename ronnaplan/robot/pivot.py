@@ -52,11 +52,11 @@ class PivotCalibration:
     """The tip found by pivoting, what it is worth, and which poses were left out."""
 
     tip_mm: FloatArray
-    """Tip (3,) in the tool's frame; if the tool's own errors drift steadily, in the middle of the recording."""
+    """Tip (3,) in the tool's frame; if the tool's own errors drift steadily, in the middle of the poses that count."""
     tip_covariance_mm2: FloatArray
     """Covariance (3, 3) of the tip, correlations between successive poses counted."""
     pivot_mm: FloatArray
-    """The divot (3,) in the tracker's frame, in the middle of the recording."""
+    """The divot (3,) in the tracker's frame, in the middle of the poses that count."""
     pivot_covariance_mm2: FloatArray
     residuals_mm: FloatArray
     """Distance of each pose's tip from the pivot (N,), slipped poses included."""
@@ -126,6 +126,7 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
     sd_mm = robust_sd(np.linalg.norm(design @ steady - shift, axis=1)[telling], SOFTENING_MM)
     levers = cross_matrix(rotation @ (steady[:3] / max(float(np.linalg.norm(steady[:3])), SOFTENING_MM)))
     time = np.linspace(-1, 1, len(matrices))[:, None, None]
+    time = time - time[kept].mean()  # drifts are told to the middle of what counts, not to that of a rest
     design = np.concatenate([design / sd_mm, time * still, time * levers, time * rotation], axis=2)
     solution, _ = least_squares(design[kept], shift[kept] / sd_mm, CONSTANTS)
     residual = design @ solution - shift / sd_mm

@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ronnaplan.errors import InputError, RefusedError
+from ronnaplan.geometry import rms_mm
 from ronnaplan.robot.pivot import calibrate_pivot
 from ronnaplan.transforms import invert
 from tests.filtered import filtered
@@ -94,6 +95,8 @@ def test_a_tool_held_still_makes_no_slips_of_the_poses_that_move() -> None:
     error = found.tip_mm - TIP
     assert error @ np.linalg.solve(found.tip_covariance_mm2, error) < 11.3  # 99 % of three dimensions
     assert found.sd_mm == pytest.approx(0.3, rel=0.2)
+    moving = calibrate_pivot(poses[400:])
+    assert rms_mm(found.tip_covariance_mm2) < 1.2 * rms_mm(moving.tip_covariance_mm2)
 
 
 def test_a_tool_held_still_outside_the_divot_is_named_as_slipped() -> None:
