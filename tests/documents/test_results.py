@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -84,7 +85,10 @@ def test_a_map_of_the_error_has_the_scans_voxels_from_python_and_from_the_comman
 
 
 @pytest.mark.parametrize("name", ["map.nii.gz", "map.nii", "map.nrrd", "map.mha"])
-def test_a_map_that_has_no_room_is_told_and_no_part_of_it_is_written(tmp_path: Path, name: str) -> None:
+def test_a_map_that_has_no_room_is_told_and_no_part_of_it_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # what is imported below would be kept cut short
     resource = pytest.importorskip("resource")
     makers.write_series(tmp_path / "ct")
     volume = read_ct(tmp_path / "ct")
