@@ -49,9 +49,8 @@ class Arrivals:
             self._trouble = self._trouble or str(error)
             if isinstance(error, EndlessError):
                 event.assoc.abort()
-                event.assoc.dimse.msg_queue.put(
-                    (None, None)
-                )  # who asked waits for an answer, which would never come
+                # who asked waits for an answer, which would never come
+                event.assoc.dimse.msg_queue.put((None, None))
             return NOT_TAKEN
         return TAKEN
 
