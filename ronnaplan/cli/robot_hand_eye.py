@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     if pivot is not None:
         notes += (*pivot.notes, *other_tool(pivot.tool, tool))
     warn(*notes)
-    counted = len(frames) - found.repeated
+    counted = len(frames) - found.repeated - found.rested
     document = hand_eye_document(found, tool, counted, pivot=pivot is not None, notes=notes)
     write_document(arguments.output, document, read_hand_eye)
     tell(

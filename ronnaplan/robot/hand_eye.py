@@ -29,6 +29,7 @@ from ronnaplan.robot.hand_eye_start import closed_form, discrepancies, far_off, 
 from ronnaplan.robot.hand_eye_step import step_in
 from ronnaplan.robot.memory import Equations, least_squares_covariance
 from ronnaplan.robot.pivot import LONGEST_TOOL_MM
+from ronnaplan.robot.rests import beside_rests
 from ronnaplan.robot.twists import apart, motion
 from ronnaplan.transforms import adjoint, carried, invert, point_jacobian
 
@@ -59,6 +60,8 @@ def calibrate_hand_eye(
         raise InputError(
             f"{len(seen)} poses were given, of which {len(told)} of the tracker's differ; expected four or more that do"
         )
+    told = told[beside_rests(driven[told, :3, :3], driven[told, :3, 3])]
+    rested = len(seen) - repeated - len(told)
     seen, driven = seen[told], driven[told]
     if np.abs(seen - driven).max() < SAME_POSES:
         raise InputError("the poses of robot and tracker are the same; expected a recording of either")
@@ -86,7 +89,8 @@ def calibrate_hand_eye(
         )
     one_apart = out_of_step(seen, driven, left, right)
     step = None if one_apart or step is None else step.among(told)
-    return replace(found, far=tuple(map(int, told[far])), out_of_step=one_apart, step=step, repeated=repeated)
+    far_ones = tuple(map(int, told[far]))
+    return replace(found, far=far_ones, out_of_step=one_apart, step=step, repeated=repeated, rested=rested)
 
 
 def _as_pairs(

@@ -22,7 +22,7 @@ class HandEye:
 
     m_from_tcp: Pose
     robot_from_ots: Pose
-    """Both are without the errors of the poses seen; where these drift steadily, as in the middle of the recording."""
+    """Both are without the errors of the poses seen; where these drift, as in the middle of the poses that count."""
     rotation_rms_deg: float
     """RMS over the poses of the angle left."""
     translation_rms_mm: float
@@ -39,6 +39,8 @@ class HandEye:
     """From which pose on robot and tracker, or M and TCP, stand otherwise to each other than before."""
     repeated: int = 0
     """How many poses were left out, as the tracker's were earlier ones to the last digit."""
+    rested: int = 0
+    """How many were left out, as the robot stood still and others of that rest count (`rests`)."""
 
     def __repr__(self) -> str:
         doubted = f", {counted(len(self.doubts), 'doubt')}" if self.doubts else ""

@@ -3,8 +3,8 @@
 Every pose gives ``rotation @ tip + translation = pivot``. Slips are told from the fit that minimizes the sum of the
 residuals' *lengths* (the spatial median's criterion), which is convex and lets no pose pull harder than another. The
 other poses are fitted by least squares; places and orientations may drift steadily. Trackers filter their poses, so
-residuals are correlated in time, and the covariance counts that. Of a tool that is held still few poses count: they
-err alike, and less than those that move, which so many poses of one error would make slips.
+residuals are correlated in time, and the covariance counts that. Of a tool that is held still few poses count
+(`rests`): beside all of them those that move would have slipped.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from ronnaplan.geometry import FloatArray, rms_mm
 from ronnaplan.pose import as_poses, as_stack, first_told
 from ronnaplan.robot.memory import Equations, least_squares, least_squares_covariance
 from ronnaplan.robot.misread import misread_as
+from ronnaplan.robot.rests import beside_rests
 from ronnaplan.robot.scatter import MOST_WRONG, robust_sd, too_long, too_long_for_direction
 from ronnaplan.text import counted, place, successive
 from ronnaplan.transforms import cross_matrix
@@ -26,11 +27,7 @@ from ronnaplan.transforms import cross_matrix
 FEWEST_FOR_SCATTER = 10
 """Of fewer the scatter is not known, however often each is repeated."""
 SMALLEST_TURN_DEG = 5.0
-"""RMS turn of the tool's axis that turns least, which the poses need: below it the tip along it is not determined.
-
-Successive poses that turn by less from the first of them are of one rest."""
-LARGEST_REST = 0.1
-"""No rest counts for a larger share of the poses that count, unless it is of `FEWEST_FOR_SCATTER` or fewer."""
+"""RMS turn of the tool's axis that turns least, which the poses need: below it the tip along it is not determined."""
 LARGEST_RMS_MM = 10.0
 """A tip whose places scatter by more did not rest in a divot, or the poses are no tool's: no tracker errs so much."""
 LONGEST_TOOL_MM = 800.0
@@ -117,7 +114,7 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
             "turn the tool about the divot to all sides while it is recorded"
         )
     matrices = as_poses(offered, "pivot pose")[told]
-    telling = _beside_rests(matrices[:, :3, :3])
+    telling = beside_rests(matrices[:, :3, :3])
     _require_turning(matrices[telling, :3, :3])
     design, shift = _equations(matrices)
     rotation, still = design[..., :3], design[..., 3:]
@@ -197,25 +194,6 @@ def _require_tip(found: PivotCalibration, poses: FloatArray) -> None:
             f"the tip lies {away_mm:.0f} mm from the tool's origin, expected at most {LONGEST_TOOL_MM:g}; check that "
             "the poses are tracker from tool, and not the other way round"
         )
-
-
-def _beside_rests(rotations: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Return which poses of ``rotations`` (N, 3, 3) count where no rest is more than `LARGEST_REST` of them.
-
-    They lie evenly in each rest.
-    """
-    begins = [0]
-    for n, rotation in enumerate(rotations):  # the trace of the turn between them is the sum of products
-        turned = 2 * np.cos(np.radians(SMALLEST_TURN_DEG)) + 1 > (rotation * rotations[begins[-1]]).sum()
-        begins += [n] if turned else []
-    counts = np.diff([*begins, len(rotations)])
-    most = int(counts.max())
-    while most > max(FEWEST_FOR_SCATTER, LARGEST_REST * np.minimum(counts, most).sum()):
-        most -= 1
-    telling = np.zeros(len(rotations), dtype=bool)
-    for begin, count in zip(begins, counts, strict=True):
-        telling[begin + np.linspace(0, count - 1, min(count, most)).round().astype(int)] = True
-    return telling
 
 
 def _slips(
