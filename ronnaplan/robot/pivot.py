@@ -102,7 +102,7 @@ def calibrate_pivot(poses: ArrayLike) -> PivotCalibration:
 
     Raises `InputError` for a matrix that is no pose (left-handed, scaled, not finite), for poses in metres, for fewer
     than ten different ones, and for such as turn the tool too little, or about one axis only; `RefusedError` where no
-    tip rested, or in those alone between which the tool hardly turned, or it lies where no tool's is.
+    tip rested, or one did in too few poses, or in such as hardly turn the tool, or it lies where no tool's is.
     """
     offered = as_stack(poses, "pivot poses")
     told, which = first_told(offered)

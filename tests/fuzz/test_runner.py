@@ -106,7 +106,7 @@ class EveryWayBorder(BrokenBorder):
 
 
 COUNT = 2 * len(WORDS) + 1
-SLOW = 2 * list(WORDS).index(slow) + 1
+SLOW, GREEDY = (2 * list(WORDS).index(one) + 1 for one in (slow, greedy))
 
 
 @pytest.fixture(scope="module")
@@ -139,9 +139,10 @@ def test_the_inputs_after_a_failure_are_tried(tally: Tally) -> None:
 
 
 def test_the_longest_input_and_the_memory_at_its_peak_are_told(tally: Tally) -> None:
-    assert tally.longest[1] == SLOW
-    assert tally.longest[0] > 0.9
-    assert f"(input {SLOW}) and 0." in report("a border", tally)
+    seconds, number = tally.longest
+    assert number in (SLOW, GREEDY)  # a busy machine takes as long to find so much memory
+    assert seconds > 0.9
+    assert f"(input {number}) and 0." in report("a border", tally)
     assert tally.peak_bytes > 200 << 20
 
 
