@@ -1,7 +1,7 @@
 """Which poses of a recording count, where tool or robot is held still for a part of it.
 
-Poses of a rest err alike, and less than those that move. Many of them would tell how far all err, and of which poses
-that is.
+Poses of a rest err alike, and less than those that move. Beside many of them, what is usual of all would be what is of
+one place and no motion.
 """
 
 from __future__ import annotations

@@ -138,6 +138,13 @@ def test_the_inputs_after_a_failure_are_tried(tally: Tally) -> None:
     assert sum(count for (_, outcome), count in tally.outcomes.items() if outcome == FAILED) == len(WORDS)
 
 
+def test_of_several_inputs_the_longest_is_kept() -> None:
+    tally = Tally()
+    for number, took_s in ((1, 0.4), (3, 1.2), (5, 0.3)):
+        tally.add(number, "a kind", "read", took_s)
+    assert tally.longest == (1.2, 3)
+
+
 def test_the_longest_input_and_the_memory_at_its_peak_are_told(tally: Tally) -> None:
     seconds, number = tally.longest
     assert number in (SLOW, GREEDY)  # a busy machine takes as long to find so much memory
